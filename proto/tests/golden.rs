@@ -1,0 +1,469 @@
+//! The bytes of every message, pinned: later versions append and change none of them. And what decoding refuses.
+#![allow(clippy::unwrap_used)]
+
+use proptest::prelude::*;
+use skein_proto::codec::{Body, DecodeError, decode, encode};
+use skein_proto::envelope::{ENVELOPE_BYTES, Envelope};
+use skein_proto::estimate::{Covariance, Estimate, NeighbourEstimate, Velocity};
+use skein_proto::exchange::{Echo, Exchange};
+use skein_proto::frame::{
+    BearingsFrame, FixFrame, FixValue, Frame, ImuFrame, OdometryFrame, RangesFrame, RelativeFrame,
+    RelativeValue, TargetRange,
+};
+use skein_proto::measured::{Measured, MeasuredValue};
+use skein_proto::name::Name;
+use skein_proto::record::{Addressed, Growth, PeerEcho, Round, RoundRecord, Schedule};
+use skein_proto::status::Status;
+
+const GOLDEN: &str = include_str!("golden/messages.hex");
+
+fn envelope() -> Envelope {
+    Envelope {
+        major: 0,
+        minor: 0,
+        body_bytes: 0,
+        sequence: 7,
+        boot: 0x0102_0304_0506_0708,
+        sender: Name::parse("v1").unwrap().hash(),
+        taken_ns: 1_800_000_000_200_000_000,
+    }
+}
+
+const POSE: [f64; 6] = [0.1, -0.2, 0.3, 1.0, 2.0, -3.0];
+
+fn measured(value: MeasuredValue) -> Measured {
+    Measured {
+        taken_offset_us: -40_000,
+        value,
+    }
+}
+
+fn measured_pose() -> Measured {
+    measured(MeasuredValue::Pose {
+        body_from_neighbour: POSE,
+        rotation_sigma_rad: 0.02,
+        translation_sigma_m: 0.001,
+    })
+}
+
+fn exchange_with_one_pose() -> Exchange {
+    Exchange {
+        sent_ns: 1_800_000_000_201_000_000,
+        status: Status::Tracking.code(),
+        echo: Some(Echo {
+            heard_ns: 1_800_000_000_001_000_000,
+            received_ns: 1_800_000_000_002_000_000,
+        }),
+        prior: Some(POSE),
+        measured: vec![measured_pose()],
+    }
+}
+
+fn exchange_of_a_restarted_vehicle() -> Exchange {
+    Exchange {
+        sent_ns: 5,
+        status: Status::Resuming.code(),
+        echo: None,
+        prior: None,
+        measured: vec![],
+    }
+}
+
+fn exchange_with_three_kinds() -> Exchange {
+    Exchange {
+        measured: vec![
+            measured(MeasuredValue::Orientation {
+                rotation_vector_rad: [0.1, -0.2, 0.3],
+                sigma_rad: 0.02,
+            }),
+            measured(MeasuredValue::Bearing {
+                direction: [0.6, 0.8, 0.0],
+                origin_m: [0.3, 0.0, 0.1],
+                sigma_rad: 0.02,
+            }),
+            measured(MeasuredValue::Distance {
+                distance_m: 4.5,
+                origin_m: [0.3, 0.0, 0.1],
+                sigma_m: 0.05,
+            }),
+        ],
+        ..exchange_with_one_pose()
+    }
+}
+
+fn record() -> RoundRecord {
+    let upper: [f64; 21] = std::array::from_fn(|i| i as f64 * 0.25);
+    let compact: [f64; 11] = std::array::from_fn(|i| i as f64 * 0.5);
+    let position = measured(MeasuredValue::Position {
+        position_m: [1.0, 2.0, 3.0],
+        sigma_m: 0.001,
+    });
+    let round = |back, growth, measured| Round {
+        back,
+        segment: 1,
+        odometry_from_body: POSE,
+        growth,
+        measured,
+    };
+    RoundRecord {
+        sent_ns: 1_800_000_000_201_000_000,
+        period_us: 200_000,
+        status: Status::DeadReckoning.code(),
+        body_from_target: Some([0.0, 0.0, 0.0, 0.1, 0.0, 0.2]),
+        schedule: Some(Schedule {
+            round: 9,
+            phase: 2,
+            state: 1,
+            draw: 0xdead_beef,
+            moves: 3,
+        }),
+        echoes: vec![PeerEcho {
+            to: Name::parse("v2").unwrap().hash(),
+            heard_ns: 11,
+            received_ns: 12,
+        }],
+        rounds: vec![
+            round(
+                0,
+                Growth::Isotropic(compact),
+                vec![Addressed {
+                    to: Name::parse("v2").unwrap().hash(),
+                    measured: position,
+                }],
+            ),
+            round(1, Growth::Full(upper), vec![]),
+            round(2, Growth::Unknown, vec![]),
+        ],
+    }
+}
+
+fn estimate() -> Estimate {
+    let covariance = Some(Covariance::BodyTwistRotationFirst(std::array::from_fn(
+        |i| i as f64,
+    )));
+    Estimate {
+        status: Status::Tracking.code(),
+        world_from_body: Some(POSE),
+        velocity: Some(Velocity {
+            linear_world_m_s: [1.0, 0.0, 0.0],
+            angular_body_rad_s: [0.0, 0.0, 0.1],
+        }),
+        covariance,
+        neighbours: vec![NeighbourEstimate {
+            vehicle: Name::parse("v2").unwrap().hash(),
+            status: Status::Alone.code(),
+            taken_offset_us: -100_000,
+            body_from_neighbour: Some(POSE),
+            covariance,
+        }],
+    }
+}
+
+fn frames() -> Vec<(&'static str, Frame)> {
+    let target = Name::parse("v2").unwrap();
+    let taken_ns = 1_800_000_000_000_000_000;
+    let relative = |value| {
+        Frame::Relative(RelativeFrame {
+            taken_ns,
+            target,
+            value,
+        })
+    };
+    let fix = |value| Frame::Fix(FixFrame { taken_ns, value });
+    vec![
+        (
+            "frame odometry",
+            Frame::Odometry(OdometryFrame {
+                since_ns: taken_ns - 20_000_000,
+                taken_ns,
+                motion: POSE,
+                rotation_sigma_rad: 0.002,
+                translation_sigma_m: 0.01,
+            }),
+        ),
+        (
+            "frame pose",
+            relative(RelativeValue::Pose {
+                sensor_from_target: POSE,
+                rotation_sigma_rad: 0.02,
+                translation_sigma_m: 0.001,
+            }),
+        ),
+        (
+            "frame orientation",
+            relative(RelativeValue::Orientation {
+                rotation_vector_rad: [0.1, 0.2, 0.3],
+                sigma_rad: 0.02,
+            }),
+        ),
+        (
+            "frame position",
+            relative(RelativeValue::Position {
+                position_m: [1.0, 2.0, 3.0],
+                sigma_m: 0.1,
+            }),
+        ),
+        (
+            "frame bearing",
+            relative(RelativeValue::Bearing {
+                direction: [0.6, 0.8, 0.0],
+                sigma_rad: 0.02,
+            }),
+        ),
+        (
+            "frame distance",
+            relative(RelativeValue::Distance {
+                distance_m: 4.5,
+                sigma_m: 0.1,
+            }),
+        ),
+        (
+            "frame fix pose",
+            fix(FixValue::Pose {
+                world_from_sensor: POSE,
+                rotation_sigma_rad: 0.02,
+                translation_sigma_m: 1.0,
+            }),
+        ),
+        (
+            "frame fix position",
+            fix(FixValue::Position {
+                position_m: [1.0, 2.0, 3.0],
+                sigma_m: 1.5,
+            }),
+        ),
+        (
+            "frame fix orientation",
+            fix(FixValue::Orientation {
+                rotation_vector_rad: [0.0, 0.0, 1.0],
+                sigma_rad: 0.1,
+            }),
+        ),
+        (
+            "frame ranges",
+            Frame::Ranges(RangesFrame {
+                taken_ns,
+                ranges: vec![TargetRange {
+                    target,
+                    distance_m: 4.5,
+                    sigma_m: 0.1,
+                }],
+            }),
+        ),
+        (
+            "frame bearings",
+            Frame::Bearings(BearingsFrame {
+                taken_ns,
+                sigma_rad: 0.05,
+                directions: vec![[0.6, 0.8, 0.0]],
+            }),
+        ),
+        (
+            "frame imu",
+            Frame::Imu(ImuFrame {
+                taken_ns,
+                angular_rate_rad_s: [0.0, 0.0, 0.1],
+                specific_force_m_s2: [0.0, 0.0, 9.81],
+                rate_sigma_rad_s: 0.01,
+                force_sigma_m_s2: 0.1,
+            }),
+        ),
+    ]
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn unhex(text: &str) -> Vec<u8> {
+    (0..text.len())
+        .step_by(2)
+        .map(|at| u8::from_str_radix(&text[at..at + 2], 16).unwrap())
+        .collect()
+}
+
+fn current() -> Vec<(&'static str, Vec<u8>)> {
+    let mut all = vec![
+        (
+            "exchange with one pose",
+            encode(envelope(), &exchange_with_one_pose()).unwrap(),
+        ),
+        (
+            "exchange of a restarted vehicle",
+            encode(envelope(), &exchange_of_a_restarted_vehicle()).unwrap(),
+        ),
+        (
+            "exchange with three kinds",
+            encode(envelope(), &exchange_with_three_kinds()).unwrap(),
+        ),
+        ("round record", encode(envelope(), &record()).unwrap()),
+        ("estimate", encode(envelope(), &estimate()).unwrap()),
+    ];
+    all.extend(
+        frames()
+            .into_iter()
+            .map(|(name, frame)| (name, frame.encode())),
+    );
+    all
+}
+
+#[test]
+fn no_golden_byte_has_changed() {
+    let text: String = current()
+        .iter()
+        .map(|(name, bytes)| format!("{name}: {}\n", hex(bytes)))
+        .collect();
+    assert_eq!(
+        text, GOLDEN,
+        "the wire format changed; what is pinned may only be appended to"
+    );
+}
+
+#[test]
+fn golden_bytes_decode_to_what_was_encoded() {
+    let bytes_of = |wanted: &str| {
+        let line = GOLDEN
+            .lines()
+            .find(|line| line.split(": ").next() == Some(wanted))
+            .unwrap();
+        unhex(line.split(": ").nth(1).unwrap())
+    };
+    let (head, exchange) = decode::<Exchange>(&bytes_of("exchange with one pose")).unwrap();
+    assert_eq!(
+        (head.sequence, head.boot, head.taken_ns),
+        (7, envelope().boot, envelope().taken_ns)
+    );
+    assert_eq!(exchange, exchange_with_one_pose());
+    assert_eq!(
+        decode::<Exchange>(&bytes_of("exchange with three kinds"))
+            .unwrap()
+            .1,
+        exchange_with_three_kinds()
+    );
+    assert_eq!(
+        decode::<RoundRecord>(&bytes_of("round record")).unwrap().1,
+        record()
+    );
+    assert_eq!(
+        decode::<Estimate>(&bytes_of("estimate")).unwrap().1,
+        estimate()
+    );
+    for (name, frame) in frames() {
+        assert_eq!(Frame::decode(&bytes_of(name)).unwrap(), frame);
+    }
+}
+
+#[test]
+fn an_exchange_with_prior_one_pose_and_echo_takes_at_most_176_bytes() {
+    assert_eq!(
+        encode(envelope(), &exchange_with_one_pose()).unwrap().len(),
+        169
+    );
+}
+
+#[test]
+fn another_major_version_is_refused_before_its_body_is_read() {
+    let mut packet = encode(envelope(), &exchange_with_one_pose()).unwrap();
+    packet[0] = 2;
+    packet[40] = 0xff;
+    assert_eq!(
+        decode::<Exchange>(&packet),
+        Err(DecodeError::Version { major: 2, minor: 0 })
+    );
+}
+
+#[test]
+fn bytes_behind_a_known_body_are_accepted_from_a_newer_minor_version_only() {
+    let mut packet = encode(envelope(), &exchange_with_one_pose()).unwrap();
+    packet.push(42);
+    assert_eq!(
+        decode::<Exchange>(&packet),
+        Err(DecodeError::Trailing { bytes: 1 }),
+        "behind the announced body"
+    );
+    packet[2] += 1;
+    assert_eq!(
+        decode::<Exchange>(&packet),
+        Err(DecodeError::Trailing { bytes: 1 }),
+        "inside the body, same version"
+    );
+    packet[1] = 1;
+    assert_eq!(
+        decode::<Exchange>(&packet).unwrap().1,
+        exchange_with_one_pose()
+    );
+}
+
+#[test]
+fn numbers_that_are_not_finite_are_refused_by_field() {
+    let wrong = Exchange {
+        prior: Some([f64::NAN; 6]),
+        ..exchange_with_one_pose()
+    };
+    assert!(
+        encode(envelope(), &wrong).is_err(),
+        "we do not send them either"
+    );
+    let mut packet = encode(envelope(), &exchange_with_one_pose()).unwrap();
+    let prior_at = ENVELOPE_BYTES + 8 + 1 + 17 + 1;
+    packet[prior_at..prior_at + 8].copy_from_slice(&f64::INFINITY.to_le_bytes());
+    assert_eq!(
+        decode::<Exchange>(&packet),
+        Err(DecodeError::NotFinite { field: "prior" })
+    );
+}
+
+#[test]
+fn lists_hold_their_bound_and_no_more() {
+    let with = |n| Exchange {
+        measured: vec![measured_pose(); n],
+        ..exchange_with_one_pose()
+    };
+    assert!(encode(envelope(), &with(3)).is_ok());
+    assert!(encode(envelope(), &with(4)).is_err());
+}
+
+#[test]
+fn a_packet_longer_than_any_of_its_kind_is_not_read() {
+    let max = ENVELOPE_BYTES + Exchange::BYTES_MAX;
+    assert!(
+        matches!(decode::<Exchange>(&vec![1; max]), Err(e) if !matches!(e, DecodeError::TooLong { .. }))
+    );
+    assert_eq!(
+        decode::<Exchange>(&vec![1; max + 1]),
+        Err(DecodeError::TooLong {
+            bytes: max + 1,
+            max
+        })
+    );
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(2000))]
+
+    #[test]
+    fn no_mutation_of_a_packet_makes_decoding_panic(
+        which in 0..5usize,
+        flips in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8),
+        cut in any::<prop::sample::Index>(),
+        shorten in any::<bool>(),
+    ) {
+        let mut packet = current()[which].1.clone();
+        for (at, byte) in flips {
+            let at = at.index(packet.len());
+            packet[at] = byte;
+        }
+        if shorten {
+            packet.truncate(cut.index(packet.len()));
+        }
+        let _ = (decode::<Exchange>(&packet), decode::<RoundRecord>(&packet), decode::<Estimate>(&packet), Frame::decode(&packet));
+        if let Ok((_, exchange)) = decode::<Exchange>(&packet) {
+            prop_assert!(exchange.prior.iter().flatten().all(|n| n.is_finite()));
+        }
+    }
+
+    #[test]
+    fn no_bytes_make_decoding_panic(bytes in proptest::collection::vec(any::<u8>(), 0..400)) {
+        let _ = (decode::<Exchange>(&bytes), decode::<RoundRecord>(&bytes), decode::<Estimate>(&bytes), Frame::decode(&bytes));
+    }
+}
