@@ -64,7 +64,8 @@ pub enum MeasuredValue {
 }
 
 impl Measured {
-    pub(crate) fn check(&self) -> Result<(), DecodeError> {
+    /// Refuses numbers that are not finite or outside their range.
+    pub fn check(&self) -> Result<(), DecodeError> {
         match &self.value {
             MeasuredValue::Pose {
                 body_from_neighbour,

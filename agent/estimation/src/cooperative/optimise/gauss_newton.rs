@@ -1,0 +1,95 @@
+//! Gauss-Newton with a step test: the full step while it lowers the cost, Levenberg's damping when it does not. On the
+//! paper's cost it needs three or four iterations.
+
+use super::{Degeneracy, Outcome, Problem, Progress, SolveStatus};
+
+/// The damping after a first refusal, and the one below which it is dropped altogether.
+const DAMPING_FIRST: f64 = 1e-4;
+const DAMPING_DROPPED_BELOW: f64 = 1e-7;
+/// With more damping than this the step is a descent step below rounding.
+const DAMPING_MAX: f64 = 1e12;
+/// A short step under more damping than this says nothing of how near the minimum is.
+const DAMPING_TELLING_MAX: f64 = 1e-2;
+/// The part of the predicted decrease that must come true for a step to be taken.
+const ACCEPT_PART_MIN: f64 = 1e-4;
+
+/// Settings of Gauss-Newton.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GaussNewton {
+    /// Stops when a step's norm over `w` (rad) and `delta` (m) of all nodes is below this; that step is still taken.
+    pub step_norm_max: f64,
+    /// Stops when a step is expected to lower the cost by less than this part of it.
+    pub decrease_part_max: f64,
+    /// Stops after this many accepted iterations.
+    pub iterations_max: usize,
+}
+
+impl GaussNewton {
+    /// Stops where the next step would no longer change a pose that is sent as numbers.
+    pub const DEFAULT: Self = Self { step_norm_max: 1e-7, decrease_part_max: 1e-13, iterations_max: 50 };
+
+    /// Minimises `problem` from its present point.
+    pub fn minimise(&self, problem: &mut impl Problem, mut observe: impl FnMut(Progress)) -> Outcome {
+        let cost_before = problem.linearise();
+        let mut cost = cost_before;
+        observe(Progress { iteration: 0, cost, step_norm: 0.0 });
+        let outcome = |status, iterations, cost_after| Outcome { status, iterations, cost_before, cost_after };
+        if !cost.is_finite() {
+            return outcome(SolveStatus::NotFinite, 0, cost);
+        }
+        let mut damping = 0.0;
+        let mut singular = false;
+        let settled = |singular: bool, damping: f64| {
+            if singular {
+                SolveStatus::Degenerate(Degeneracy::Unobservable)
+            } else if damping > DAMPING_TELLING_MAX {
+                SolveStatus::Stalled
+            } else {
+                SolveStatus::Converged
+            }
+        };
+        let mut iterations = 0;
+        while iterations < self.iterations_max {
+            let Some(step) = problem.try_gauss_newton(damping) else {
+                // Nothing is known along some direction: a little damping keeps that direction where it is.
+                singular = true;
+                damping = raised(damping);
+                if damping > DAMPING_MAX {
+                    return outcome(settled(true, damping), iterations, cost);
+                }
+                continue;
+            };
+            if step.norm <= self.step_norm_max || step.predicted_decrease <= self.decrease_part_max * cost {
+                // The last step may be lost in the cost's rounding: it is taken when it does no harm.
+                let reached = problem.trial_cost();
+                if reached <= cost {
+                    problem.accept();
+                    iterations += 1;
+                    cost = reached;
+                    observe(Progress { iteration: iterations, cost, step_norm: step.norm });
+                }
+                return outcome(settled(singular, damping), iterations, cost);
+            }
+            // Nearly every step is taken, so the equations for the next one are made in the same pass as the cost.
+            let reached = problem.advance();
+            if cost - reached >= ACCEPT_PART_MIN * step.predicted_decrease {
+                iterations += 1;
+                cost = reached;
+                observe(Progress { iteration: iterations, cost, step_norm: step.norm });
+                damping = if damping * 0.1 < DAMPING_DROPPED_BELOW { 0.0 } else { damping * 0.1 };
+                continue;
+            }
+            problem.undo();
+            problem.linearise();
+            damping = raised(damping);
+            if damping > DAMPING_MAX {
+                return outcome(SolveStatus::Stalled, iterations, cost);
+            }
+        }
+        outcome(SolveStatus::IterationLimit, iterations, cost)
+    }
+}
+
+fn raised(damping: f64) -> f64 {
+    if damping < DAMPING_FIRST { DAMPING_FIRST } else { damping * 10.0 }
+}

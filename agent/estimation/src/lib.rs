@@ -1,0 +1,24 @@
+//! Skein's estimation: the mathematics of locating vehicles by each other, as pure functions and state machines.
+//!
+//! No clock, no file, no network and no global randomness: what a function needs is an argument.
+
+pub mod id;
+
+pub mod time;
+
+pub mod so3;
+
+pub mod se3;
+
+pub mod transform;
+
+pub mod odometry;
+
+pub mod cooperative;
+
+#[cfg(test)]
+mod lie_laws;
+
+pub use id::VehicleId;
+pub use time::{Span, Stamp};
+pub use transform::{Body, Odometry, Sensor, Transform, TransformError, World};

@@ -1,0 +1,83 @@
+//! What a vehicle is given: readings, packets, comings and goings, and the passing of time.
+
+use serde::{Deserialize, Serialize};
+use skein_proto::keys::Key;
+use skein_proto::name::Name;
+
+/// One event. It reaches [`crate::Vehicle::handle`] together with its arrival time.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Input {
+    /// A driver's frame, in either form of [`skein_proto::frame`].
+    Frame {
+        /// Which of the configured sensors it is from.
+        sensor: Name,
+        /// The encoded frame, not yet checked.
+        bytes: Vec<u8>,
+    },
+    /// A packet from another vehicle of the fleet.
+    Packet {
+        /// The key it came under, without the fleet.
+        key: PacketKey,
+        /// The packet, not yet checked.
+        bytes: Vec<u8>,
+    },
+    /// A liveliness token appeared.
+    Appeared {
+        /// Whose.
+        vehicle: Name,
+        /// Of which boot.
+        boot: u64,
+    },
+    /// A liveliness token is gone.
+    Vanished {
+        /// Whose.
+        vehicle: Name,
+        /// Of which boot.
+        boot: u64,
+    },
+    /// The time that [`crate::Output::WakeAt`] asked for has come.
+    Wake,
+}
+
+/// The keys under which vehicles send each other packets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum PacketKey {
+    /// An exchange addressed to one vehicle.
+    Exchange {
+        /// Sender.
+        from: Name,
+        /// Addressee.
+        to: Name,
+    },
+    /// A round record.
+    Odometry {
+        /// Sender.
+        from: Name,
+    },
+}
+
+impl PacketKey {
+    /// The packet key of a contract key; none for keys that carry no packets between vehicles.
+    pub fn of(key: &Key) -> Option<Self> {
+        match *key {
+            Key::Exchange { from, to } => Some(Self::Exchange { from, to }),
+            Key::Odometry { from } => Some(Self::Odometry { from }),
+            _ => None,
+        }
+    }
+
+    /// The contract key.
+    pub fn key(&self) -> Key {
+        match *self {
+            Self::Exchange { from, to } => Key::Exchange { from, to },
+            Self::Odometry { from } => Key::Odometry { from },
+        }
+    }
+
+    /// Who sent it, as the key says.
+    pub fn from(&self) -> Name {
+        match *self {
+            Self::Exchange { from, .. } | Self::Odometry { from } => from,
+        }
+    }
+}

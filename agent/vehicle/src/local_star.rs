@@ -1,0 +1,313 @@
+//! Puts one round together as the local star of the cooperative pipeline: my pose at my instant, each neighbour's pose
+//! at *its* instant nearest to mine, and what either measured of the other, each at the time it was taken.
+
+use std::collections::BTreeSet;
+
+use skein_estimation::cooperative::{AnchorWeight, NeighbourIndex, Star};
+use skein_estimation::odometry::Gap;
+use skein_estimation::time::{Span, Stamp};
+use skein_estimation::{Body, Sensor, Transform, World};
+use skein_proto::measured::Measured;
+use skein_proto::name::Name;
+
+use crate::clock::PeerStamp;
+use crate::dead_reckoning::{DeadReckoning, motion};
+use crate::neighbours::{Boot, HeardExchange, Neighbours};
+use crate::refused::Refused;
+use crate::rounds::Round;
+use crate::translate::{self, Sighting};
+
+/// A reading so near to an instant is taken for one at it: no odometry is needed, and a clock offset's jitter moves
+/// nothing (at 10 m/s by 2 mm).
+const AT_THE_INSTANT: Span = Span::micros(200);
+/// Acceleration for which the error of interpolated odometry is allowed for, |a| P^2 / 8.
+const INTERPOLATED_ACCELERATION_M_S2: f64 = 1.0;
+
+/// What a star is built from.
+pub(crate) struct Material<'a> {
+    pub(crate) round: &'a Round,
+    pub(crate) neighbours: &'a Neighbours,
+    pub(crate) reckoning: &'a DeadReckoning,
+    /// Where others' sensors see this vehicle.
+    pub(crate) body_from_target: Transform<Body, Sensor>,
+    pub(crate) period: Span,
+    /// Whether what is missing will no longer be waited for.
+    pub(crate) deadline_passed: bool,
+}
+
+/// A star that was built, and what went into it.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Built {
+    pub(crate) used: Vec<Used>,
+    pub(crate) refused: Vec<(Name, Refused)>,
+    pub(crate) fixes: usize,
+}
+
+/// One neighbour in a star.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Used {
+    pub(crate) name: Name,
+    pub(crate) index: NeighbourIndex,
+    pub(crate) edges: u64,
+}
+
+impl Built {
+    pub(crate) fn edges(&self) -> u64 {
+        self.used.iter().map(|used| used.edges).sum::<u64>() + self.fixes as u64
+    }
+}
+
+/// Why a star is not built now.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct NotYet;
+
+/// Which way a measurement went.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Direction {
+    Mine,
+    Theirs,
+}
+
+/// A measurement with both its ends.
+struct Tie {
+    direction: Direction,
+    sighting: Sighting,
+    own_end: Transform<Body, Sensor>,
+    their_end: Transform<Body, Sensor>,
+}
+
+/// Why a measurement has no end.
+enum NoEnd {
+    Wait,
+    Never(Refused),
+}
+
+impl Material<'_> {
+    /// Fills `star` with the round, around `prior`. Waits, unless the deadline has passed, for neighbours who were told
+    /// something and have not answered, and for odometry around measurements.
+    pub(crate) fn build(
+        &self,
+        star: &mut Star,
+        prior: Transform<World, Body>,
+    ) -> Result<Built, NotYet> {
+        let mut built = Built::default();
+        if star.restart(prior.reframe(), AnchorWeight::UNIT).is_err() {
+            return Ok(built);
+        }
+        self.wait_for_answers()?;
+        let heard = self.neighbours.iter().filter(|(_, neighbour)| {
+            neighbour
+                .usable()
+                .is_some_and(|boot| boot.exchanges.contains_key(&self.round.index))
+        });
+        let names: BTreeSet<Name> = self
+            .round
+            .measured
+            .keys()
+            .copied()
+            .chain(heard.map(|(name, _)| name))
+            .collect();
+        for name in names {
+            self.add(star, name, &mut built)?;
+        }
+        for fix in &self.round.fixes {
+            let added = translate::fix(&fix.value).and_then(|(measurement, noise)| {
+                Ok(star.fix(measurement, noise, fix.body_from_sensor)?)
+            });
+            match added {
+                Ok(()) => built.fixes += 1,
+                Err(why) => built.refused.push((fix.sensor, why)),
+            }
+        }
+        Ok(built)
+    }
+
+    /// What becomes of a round of a vehicle that has no pose: nothing of it can be used.
+    pub(crate) fn without_prior(&self) -> Built {
+        let why = if self.round.odometry.is_some() {
+            Refused::Unplaced
+        } else {
+            Refused::NoOdometry
+        };
+        let lost = |(name, list): (&Name, &Vec<Measured>)| vec![(*name, why.clone()); list.len()];
+        Built {
+            refused: self.round.measured.iter().flat_map(lost).collect(),
+            ..Built::default()
+        }
+    }
+
+    /// Whoever was told something this round is expected to answer, if its clock is known so that the answer is of use.
+    fn wait_for_answers(&self) -> Result<(), NotYet> {
+        let answered = |name: &Name| {
+            let boot = self
+                .neighbours
+                .get(*name)
+                .and_then(|neighbour| neighbour.usable());
+            boot.is_none_or(|boot| boot.exchanges.contains_key(&self.round.index))
+        };
+        if self.deadline_passed || self.round.told.iter().all(answered) {
+            Ok(())
+        } else {
+            Err(NotYet)
+        }
+    }
+
+    fn add(&self, star: &mut Star, name: Name, built: &mut Built) -> Result<(), NotYet> {
+        let mine = self
+            .round
+            .measured
+            .get(&name)
+            .map_or(&[][..], Vec::as_slice);
+        let mut refuse = |why: Refused, times: usize| {
+            built
+                .refused
+                .extend(std::iter::repeat_n((name, why), times));
+        };
+        let Some(boot) = self
+            .neighbours
+            .get(name)
+            .and_then(|neighbour| neighbour.usable())
+        else {
+            refuse(Refused::ClockUnknown, mine.len());
+            return Ok(());
+        };
+        let Some(exchange) = boot.exchanges.get(&self.round.index) else {
+            refuse(Refused::NoPrior, mine.len());
+            return Ok(());
+        };
+        let Some(prior) = exchange.prior else {
+            refuse(Refused::NoPrior, mine.len() + exchange.measured.len());
+            return Ok(());
+        };
+        let mine = mine.iter().map(|measured| (Direction::Mine, measured));
+        let theirs = exchange
+            .measured
+            .iter()
+            .map(|measured| (Direction::Theirs, measured));
+        let mut ties = Vec::new();
+        for (direction, measured) in mine.chain(theirs) {
+            match self.tie(direction, measured, boot, exchange) {
+                Ok(tie) => ties.push(tie),
+                Err(NoEnd::Wait) if !self.deadline_passed => return Err(NotYet),
+                Err(NoEnd::Wait) => refuse(Refused::NoOdometry, 1),
+                Err(NoEnd::Never(why)) => refuse(why, 1),
+            }
+        }
+        if ties.is_empty() {
+            return Ok(());
+        }
+        let index = match star.add_neighbour(prior.reframe()) {
+            Ok(index) => index,
+            Err(why) => {
+                refuse(why.into(), ties.len());
+                return Ok(());
+            }
+        };
+        let mut edges = 0;
+        for tie in ties {
+            let Sighting {
+                measurement, noise, ..
+            } = tie.sighting;
+            let added = match tie.direction {
+                Direction::Mine => {
+                    star.measured_by_me(index, measurement, noise, tie.own_end, tie.their_end)
+                }
+                Direction::Theirs => star.measured_by_neighbour(
+                    index,
+                    measurement,
+                    noise,
+                    tie.own_end,
+                    tie.their_end,
+                ),
+            };
+            match added {
+                Ok(()) => edges += 1,
+                Err(why) => refuse(why.into(), 1),
+            }
+        }
+        built.used.push(Used { name, index, edges });
+        Ok(())
+    }
+
+    /// Both ends of a measurement. The measuring end comes with it; the measured end is that vehicle's motion between
+    /// its round and the reading, then its target.
+    fn tie(
+        &self,
+        direction: Direction,
+        measured: &Measured,
+        boot: &Boot,
+        exchange: &HeardExchange,
+    ) -> Result<Tie, NoEnd> {
+        let mut sighting = translate::sighting(&measured.value).map_err(NoEnd::Never)?;
+        let offset = Span::micros(i64::from(measured.taken_offset_us));
+        let unknown = NoEnd::Never(Refused::ClockUnknown);
+        let (own_end, their_end) = match direction {
+            Direction::Mine => {
+                let taken = boot
+                    .clock
+                    .to_peer(self.round.instant + offset)
+                    .ok_or(unknown)?;
+                (
+                    sighting.from_end,
+                    their_motion(boot, exchange.instant, taken)? * boot.body_from_target,
+                )
+            }
+            Direction::Theirs => {
+                let taken = boot
+                    .clock
+                    .to_mine(exchange.instant.plus(offset))
+                    .ok_or(unknown)?;
+                (
+                    self.own_motion(taken)? * self.body_from_target,
+                    sighting.from_end,
+                )
+            }
+        };
+        if offset != Span::ZERO && sighting.noise.translation > 0.0 {
+            let period_s = self.period.as_secs_f64();
+            let interpolation_m = INTERPOLATED_ACCELERATION_M_S2 * period_s * period_s / 8.0;
+            sighting.noise.translation = sighting.noise.translation.hypot(interpolation_m);
+        }
+        Ok(Tie {
+            direction,
+            sighting,
+            own_end,
+            their_end,
+        })
+    }
+
+    /// `body@round_from_body@taken` of this vehicle.
+    fn own_motion(&self, taken: Stamp) -> Result<Transform<Body, Body>, NoEnd> {
+        if (taken - self.round.instant).abs() <= AT_THE_INSTANT {
+            return Ok(Transform::identity());
+        }
+        let at_round = self
+            .round
+            .odometry
+            .as_ref()
+            .ok_or(NoEnd::Never(Refused::NoOdometry))?;
+        let at_taken = self.reckoning.at(taken).map_err(no_end)?;
+        motion(at_round, &at_taken).ok_or(NoEnd::Never(Refused::NoOdometry))
+    }
+}
+
+/// `body@round_from_body@taken` of a neighbour, by its records.
+fn their_motion(
+    boot: &Boot,
+    instant: PeerStamp,
+    taken: PeerStamp,
+) -> Result<Transform<Body, Body>, NoEnd> {
+    if taken.since(instant).abs() <= AT_THE_INSTANT {
+        return Ok(Transform::identity());
+    }
+    let at_round = boot.odometry_at(instant).map_err(no_end)?;
+    let at_taken = boot.odometry_at(taken).map_err(no_end)?;
+    motion(&at_round, &at_taken).ok_or(NoEnd::Never(Refused::NoOdometry))
+}
+
+const fn no_end(gap: Gap) -> NoEnd {
+    match gap {
+        Gap::NotYet => NoEnd::Wait,
+        Gap::Before | Gap::Interrupted => NoEnd::Never(Refused::NoOdometry),
+    }
+}

@@ -1,0 +1,28 @@
+//! What a vehicle wants done: packets sent, documents published, and to be woken.
+
+use crate::input::PacketKey;
+use skein_estimation::time::Stamp;
+use skein_proto::document::{EstimateDocument, HealthDocument};
+
+/// One wish. [`crate::Vehicle::poll`] hands them out in order and ends with [`Output::WakeAt`].
+#[derive(Clone, Debug, PartialEq)]
+pub enum Output {
+    /// Send a packet to the other vehicles: best effort, at once.
+    Send {
+        /// Under which key, without the fleet.
+        key: PacketKey,
+        /// The encoded packet.
+        bytes: Vec<u8>,
+    },
+    /// The newest estimate: publish it and keep it for queries.
+    Estimate {
+        /// The binary form: an envelope and a [`skein_proto::estimate::Estimate`].
+        packet: Vec<u8>,
+        /// The JSON form.
+        document: Box<EstimateDocument>,
+    },
+    /// The newest health: publish it and keep it for queries.
+    Health(Box<HealthDocument>),
+    /// Nothing more to do until this instant, or the next input. Always the last.
+    WakeAt(Stamp),
+}

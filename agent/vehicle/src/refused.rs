@@ -1,0 +1,85 @@
+//! Why something was not used: every refusal has a word, is counted where it belongs, and is shown in the health.
+
+use skein_estimation::cooperative::Refusal;
+use skein_proto::codec::DecodeError;
+
+/// A reason. Silence is never the answer to "why is there no estimate?".
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Refused {
+    /// The bytes are no message of the contract.
+    Undecodable(DecodeError),
+    /// The packet's hash is not that of the name in its key.
+    WrongHash,
+    /// The packet is addressed to another vehicle.
+    NotForMe,
+    /// The packet is from a boot that no longer counts.
+    OldBoot,
+    /// This boot has not yet echoed a stamp of ours often enough to know its clock.
+    ClockUnknown,
+    /// Its round is solved already, or it lies too far back.
+    TooLate,
+    /// Its time lies ahead of any round that we keep.
+    FromTheFuture,
+    /// The same was heard before.
+    Duplicate,
+    /// Another measurement of the same neighbour and kind, nearer to the round's instant, was used.
+    Superseded,
+    /// Odometry around its time is missing, ours or the neighbour's.
+    NoOdometry,
+    /// The neighbour was not heard in this round, or has no estimate.
+    NoPrior,
+    /// This vehicle has no pose of its own yet.
+    Unplaced,
+    /// No sensor of that name is configured.
+    UnknownSensor,
+    /// Another sensor is the source of odometry.
+    SecondOdometry,
+    /// Odometry that overlaps with what was already counted.
+    Overlap,
+    /// No pipeline takes this kind of frame yet.
+    NoPipeline,
+    /// A bound was reached.
+    Full,
+    /// The estimator refused it.
+    Unusable(Refusal),
+}
+
+impl Refused {
+    /// One word for counters.
+    pub(crate) fn word(&self) -> &'static str {
+        match self {
+            Self::Undecodable(error) => error.reason(),
+            Self::WrongHash => "wrong_hash",
+            Self::NotForMe => "not_for_me",
+            Self::OldBoot => "old_boot",
+            Self::ClockUnknown => "clock_unknown",
+            Self::TooLate => "too_late",
+            Self::FromTheFuture => "from_the_future",
+            Self::Duplicate => "duplicate",
+            Self::Superseded => "superseded",
+            Self::NoOdometry => "no_odometry",
+            Self::NoPrior => "no_prior",
+            Self::Unplaced => "unplaced",
+            Self::UnknownSensor => "unknown_sensor",
+            Self::SecondOdometry => "second_odometry",
+            Self::Overlap => "overlap",
+            Self::NoPipeline => "no_pipeline",
+            Self::Full => "full",
+            Self::Unusable(Refusal::Contradicts { .. }) => "contradicts",
+            Self::Unusable(Refusal::Full { .. }) => "full",
+            Self::Unusable(_) => "unusable",
+        }
+    }
+}
+
+impl From<Refusal> for Refused {
+    fn from(refusal: Refusal) -> Self {
+        Self::Unusable(refusal)
+    }
+}
+
+impl From<DecodeError> for Refused {
+    fn from(error: DecodeError) -> Self {
+        Self::Undecodable(error)
+    }
+}

@@ -1,0 +1,242 @@
+//! What is told of the estimate: its status and why there is none, the estimate itself, and the health.
+
+use skein_estimation::time::{Span, Stamp};
+use skein_estimation::{Body, Transform, World};
+use skein_proto::document::{
+    EstimateDocument, HealthDocument, InfoDocument, NeighbourDocument, RoundsHealth,
+    VelocityDocument,
+};
+use skein_proto::estimate::{Estimate, NeighbourEstimate};
+use skein_proto::keys::boot_text;
+use skein_proto::limits::NEIGHBOURS_MAX;
+use skein_proto::status::Status;
+use skein_proto::{VERSION_MAJOR, VERSION_MINOR, limits};
+
+use crate::counters::Counters;
+use crate::dead_reckoning::BRIDGE_MAX;
+use crate::output::Output;
+use crate::translate;
+use crate::vehicle::Vehicle;
+
+/// How long a correction by neighbours or fixes makes the estimate a tracked one.
+const TRACKING_FOR: Span = Span::secs(2);
+
+/// How the rounds went.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct RoundCounts {
+    pub(crate) solved: u64,
+    pub(crate) coasted: u64,
+    pub(crate) skipped: Counters,
+    pub(crate) troubled: Counters,
+    pub(crate) last_latency: Option<Span>,
+    pub(crate) last_edges: u64,
+    /// When the last measurement or fix corrected the estimate.
+    pub(crate) corrected_at: Option<Stamp>,
+}
+
+impl Vehicle {
+    /// The state of the estimate, and when it is not a tracked one, why and what to do.
+    pub(crate) fn status(&self, now: Stamp) -> (Status, Option<String>) {
+        let Some(newest) = self.reckoning.newest() else {
+            return (Status::Unplaced, Some(self.why_no_odometry()));
+        };
+        if self.reckoning.pose_at(newest).is_none() {
+            return self.why_no_pose();
+        }
+        let age = now - newest.taken;
+        if age > BRIDGE_MAX {
+            let why = format!(
+                "no odometry for {:.1} s: check the odometry sensor and its driver in this document's sensors",
+                age.as_secs_f64()
+            );
+            return (Status::Lost, Some(why));
+        }
+        let corrected = self
+            .counts
+            .corrected_at
+            .is_some_and(|at| now - at <= TRACKING_FOR);
+        let present = self
+            .neighbours
+            .present(now, self.config.presence_timeout)
+            .count();
+        match (corrected, present) {
+            (true, _) => (Status::Tracking, None),
+            (false, 0) => (
+                Status::Alone,
+                Some("no neighbour is present: the estimate is odometry alone".to_owned()),
+            ),
+            (false, _) => {
+                let why = "neighbours are present, but no measurement between us was used in the last 2 s: \
+                           see the refusals of each neighbour in this document";
+                (Status::DeadReckoning, Some(why.to_owned()))
+            }
+        }
+    }
+
+    fn why_no_odometry(&self) -> String {
+        if self.sensors.is_empty() {
+            "no sensor is configured: add a [[sensor]] with a driver that brings odometry"
+                .to_owned()
+        } else {
+            "no odometry yet: check that the driver of the odometry sensor runs, and its refusals in this document"
+                .to_owned()
+        }
+    }
+
+    fn why_no_pose(&self) -> (Status, Option<String>) {
+        if let (true, Some(gap)) = (self.reckoning.was_placed(), self.reckoning.interrupted()) {
+            let why = format!(
+                "odometry was interrupted for {:.1} s, longer than can be bridged: a pose fix or a restart with a \
+                 start pose is needed",
+                gap.as_secs_f64()
+            );
+            return (Status::Lost, Some(why));
+        }
+        let why = "this vehicle has no pose yet: give it one in [start], or a pose fix";
+        (Status::Unplaced, Some(why.to_owned()))
+    }
+
+    /// Publishes the estimate if there is anything new to say of it.
+    pub(crate) fn report_estimate(&mut self, now: Stamp) {
+        let (status, why) = self.status(now);
+        let newest = self.reckoning.newest().copied();
+        let pose = newest
+            .and_then(|point| self.reckoning.pose_at(&point))
+            .filter(|_| status != Status::Lost);
+        let taken = newest.map_or(now, |point| point.taken);
+        let velocity = pose.as_ref().and_then(|pose| self.reckoning.velocity(pose));
+        let neighbours = self.neighbour_estimates(now, taken, pose.as_ref());
+        let document = EstimateDocument {
+            vehicle: self.config.vehicle,
+            boot: boot_text(self.config.boot),
+            taken_ns: taken.as_nanos(),
+            status,
+            pose: pose.as_ref().map(translate::pose_document),
+            velocity: velocity.map(|velocity| VelocityDocument {
+                linear_world_m_s: velocity.linear_world_m_s,
+                angular_body_rad_s: velocity.angular_body_rad_s,
+            }),
+            covariance: None,
+            neighbours: neighbours
+                .iter()
+                .map(|(document, _)| document.clone())
+                .collect(),
+            why,
+        };
+        let estimate = Estimate {
+            status: status.code(),
+            world_from_body: pose.as_ref().map(Transform::to_numbers),
+            velocity,
+            covariance: None,
+            neighbours: neighbours
+                .into_iter()
+                .map(|(_, estimate)| estimate)
+                .collect(),
+        };
+        if let Some(packet) = self.speech.estimate(taken, &estimate) {
+            self.outputs.push_back(Output::Estimate {
+                packet,
+                document: Box::new(document),
+            });
+        }
+        self.reported_at = Some(now);
+    }
+
+    /// Every neighbour present, with where it was at the last solved round as seen from where we are now.
+    fn neighbour_estimates(
+        &self,
+        now: Stamp,
+        taken: Stamp,
+        pose: Option<&Transform<World, Body>>,
+    ) -> Vec<(NeighbourDocument, NeighbourEstimate)> {
+        let present = self
+            .neighbours
+            .present(now, self.config.presence_timeout)
+            .take(NEIGHBOURS_MAX);
+        let described = present.map(|(name, neighbour)| {
+            let relative = neighbour.relative.filter(|_| pose.is_some());
+            let status = neighbour.current().and_then(|boot| boot.status);
+            let document = NeighbourDocument {
+                vehicle: name,
+                status,
+                taken_ns: relative.map(|relative| relative.taken.as_nanos()),
+                pose: relative
+                    .map(|relative| translate::pose_document(&relative.body_from_neighbour)),
+                covariance: None,
+            };
+            let offset_us =
+                relative.map_or(0, |relative| (relative.taken - taken).as_micros_rounded());
+            let estimate = NeighbourEstimate {
+                vehicle: name.hash(),
+                status: status.unwrap_or(Status::Unplaced).code(),
+                taken_offset_us: i32::try_from(offset_us).unwrap_or(i32::MIN),
+                body_from_neighbour: relative
+                    .map(|relative| relative.body_from_neighbour.to_numbers()),
+                covariance: None,
+            };
+            (document, estimate)
+        });
+        described.collect()
+    }
+
+    /// Publishes the health.
+    pub(crate) fn report_health(&mut self, now: Stamp) {
+        let (status, why) = self.status(now);
+        let period = self.config.period;
+        let timeout = self.config.presence_timeout;
+        let document = HealthDocument {
+            vehicle: self.config.vehicle,
+            boot: boot_text(self.config.boot),
+            taken_ns: now.as_nanos(),
+            uptime_s: (now - self.started).as_secs_f64(),
+            status,
+            why,
+            rounds: RoundsHealth {
+                mode: "paper".to_owned(),
+                period_s: period.as_secs_f64(),
+                solved: self.counts.solved,
+                coasted: self.counts.coasted,
+                skipped: self.counts.skipped.to_document(),
+                troubled: self.counts.troubled.to_document(),
+                last_latency_s: self.counts.last_latency.map(Span::as_secs_f64),
+                last_edges: self.counts.last_edges,
+                cut: self.speech.cut.to_document(),
+            },
+            sensors: self.sensors.to_document(now),
+            neighbours: self
+                .neighbours
+                .iter()
+                .map(|(name, neighbour)| {
+                    (
+                        name.to_string(),
+                        neighbour.to_document(now, period, timeout),
+                    )
+                })
+                .collect(),
+            refused: self.refused.to_document(),
+            process: None,
+        };
+        self.outputs.push_back(Output::Health(Box::new(document)));
+    }
+
+    /// Who this vehicle is and what it can do.
+    pub fn info(&self) -> InfoDocument {
+        let limit = |name: &str, value: usize| (name.to_owned(), value as u64);
+        InfoDocument {
+            vehicle: self.config.vehicle,
+            boot: boot_text(self.config.boot),
+            program: env!("CARGO_PKG_VERSION").to_owned(),
+            wire: format!("{VERSION_MAJOR}.{VERSION_MINOR}"),
+            period_s: self.config.period.as_secs_f64(),
+            capabilities: vec!["cooperative:paper".to_owned()],
+            sensors: self.sensors.drivers(),
+            limits: [
+                limit("packet_bytes", limits::PACKET_BYTES_MAX),
+                limit("frame_bytes", limits::FRAME_BYTES_MAX),
+                limit("partners", crate::speaking::PARTNERS_MAX),
+                limit("neighbours", crate::neighbours::NEIGHBOURS_MAX),
+            ]
+            .into(),
+        }
+    }
+}

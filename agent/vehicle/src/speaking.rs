@@ -1,0 +1,323 @@
+//! What this vehicle says: the exchange to each partner and the round record to everybody, and when it said so.
+
+use std::collections::VecDeque;
+
+use skein_estimation::time::{Span, Stamp};
+use skein_estimation::{Body, Sensor, Transform, World};
+use skein_proto::codec::{self, Body as _};
+use skein_proto::envelope::Envelope;
+use skein_proto::estimate::Estimate;
+use skein_proto::exchange::Exchange;
+use skein_proto::limits::{ECHOES_PER_RECORD_MAX, MEASURED_PER_ROUND_MAX, ROUNDS_PER_RECORD_MAX};
+use skein_proto::name::Name;
+use skein_proto::record::{self, Addressed, PeerEcho, RoundRecord};
+use skein_proto::status::Status;
+
+use crate::counters::Counters;
+use crate::input::PacketKey;
+use crate::neighbours::Neighbours;
+use crate::rounds::Round;
+use crate::translate;
+
+/// Neighbours that are told something in one round, nearest first.
+pub(crate) const PARTNERS_MAX: usize = 16;
+/// How often neighbours who measure nothing of us are told our prior.
+const GREETING_EVERY: Span = Span::secs(1);
+/// Stamps of sent packets that an echo may name.
+const SENT_STAMPS_MAX: usize = 1024;
+/// How long an echo may take.
+const SENT_STAMPS_SPAN: Span = Span::secs(5);
+
+/// When packets were sent lately: an echo of anything else proves nothing.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct SentStamps(VecDeque<Stamp>);
+
+impl SentStamps {
+    fn add(&mut self, sent: Stamp) {
+        if self.0.back() != Some(&sent) {
+            self.0.push_back(sent);
+        }
+        while self.0.len() > SENT_STAMPS_MAX
+            || self
+                .0
+                .front()
+                .is_some_and(|first| sent - *first > SENT_STAMPS_SPAN)
+        {
+            self.0.pop_front();
+        }
+    }
+
+    pub(crate) fn contains(&self, stamp: Stamp) -> bool {
+        self.0.binary_search(&stamp).is_ok()
+    }
+}
+
+/// This vehicle's voice.
+#[derive(Clone, Debug)]
+pub(crate) struct Speech {
+    me: Name,
+    boot: u64,
+    period: Span,
+    repeats: usize,
+    body_from_target: Option<[f64; 6]>,
+    hash: u64,
+    exchanges: u32,
+    records: u32,
+    estimates: u32,
+    echo_turn: usize,
+    rounds: VecDeque<(i64, record::Round)>,
+    pub(crate) sent: SentStamps,
+    /// What was left out because a bound was reached.
+    pub(crate) cut: Counters,
+}
+
+impl Speech {
+    pub(crate) fn new(
+        me: Name,
+        boot: u64,
+        period: Span,
+        repeats: usize,
+        body_from_target: &Transform<Body, Sensor>,
+    ) -> Self {
+        let target =
+            (*body_from_target != Transform::identity()).then(|| body_from_target.to_numbers());
+        Self {
+            me,
+            boot,
+            period,
+            repeats: repeats.min(ROUNDS_PER_RECORD_MAX - 1),
+            body_from_target: target,
+            hash: me.hash(),
+            exchanges: 0,
+            records: 0,
+            estimates: 0,
+            echo_turn: 0,
+            rounds: VecDeque::new(),
+            sent: SentStamps::default(),
+            cut: Counters::default(),
+        }
+    }
+
+    /// Whom to send an exchange when a round opens: partners, those who were heard for this round already, and now and
+    /// then everybody present.
+    pub(crate) fn partners(
+        &mut self,
+        now: Stamp,
+        round: i64,
+        neighbours: &Neighbours,
+        timeout: Span,
+    ) -> Vec<Name> {
+        let mut partners: Vec<(f64, Name)> = neighbours
+            .present(now, timeout)
+            .filter(|(_, neighbour)| {
+                let greet = neighbour
+                    .spoken_to_at
+                    .is_none_or(|at| now - at >= GREETING_EVERY);
+                let heard = neighbour
+                    .usable()
+                    .is_some_and(|boot| boot.exchanges.contains_key(&round));
+                greet || heard || neighbour.is_partner(now)
+            })
+            .map(|(name, neighbour)| (neighbour.distance_m(), name))
+            .collect();
+        partners.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        self.cut.add(
+            "partners",
+            partners.len().saturating_sub(PARTNERS_MAX) as u64,
+        );
+        partners.truncate(PARTNERS_MAX);
+        partners.into_iter().map(|(_, name)| name).collect()
+    }
+
+    /// The exchange of one round to one neighbour: the round's prior and what was measured of it.
+    pub(crate) fn exchange(
+        &mut self,
+        now: Stamp,
+        to: Name,
+        round: &Round,
+        prior: Option<&Transform<World, Body>>,
+        status: Status,
+        neighbours: &Neighbours,
+    ) -> Option<(PacketKey, Vec<u8>)> {
+        let exchange = Exchange {
+            sent_ns: now.as_nanos(),
+            status: status.code(),
+            echo: neighbours.get(to).and_then(|neighbour| neighbour.to_echo()),
+            prior: prior.map(Transform::to_numbers),
+            measured: round.measured.get(&to).cloned().unwrap_or_default(),
+        };
+        self.exchanges = self.exchanges.wrapping_add(1);
+        let packet = codec::encode(self.envelope(self.exchanges, round.instant), &exchange);
+        let bytes = self.sendable(now, packet)?;
+        Some((PacketKey::Exchange { from: self.me, to }, bytes))
+    }
+
+    /// The record of one round to everybody, with as many of the rounds before it as fit.
+    pub(crate) fn record(
+        &mut self,
+        now: Stamp,
+        round: &Round,
+        status: Status,
+        neighbours: &Neighbours,
+    ) -> Option<(PacketKey, Vec<u8>)> {
+        self.remember(round, neighbours);
+        let mut record = RoundRecord {
+            sent_ns: now.as_nanos(),
+            period_us: u32::try_from(self.period.as_micros_rounded()).unwrap_or(u32::MAX),
+            status: status.code(),
+            body_from_target: self.body_from_target,
+            schedule: None,
+            echoes: self.echoes(now, neighbours),
+            rounds: Vec::new(),
+        };
+        for (index, known) in self.rounds.iter().rev().take(self.repeats + 1) {
+            let Ok(back) = u8::try_from(round.index - index) else {
+                break;
+            };
+            record.rounds.push(record::Round {
+                back,
+                ..known.clone()
+            });
+        }
+        while codec::body_bytes(&record) > RoundRecord::BYTES_MAX {
+            // Repeated rounds go first, then the measurements of the farthest.
+            if record.rounds.len() > 1 {
+                record.rounds.pop();
+                self.cut.count("repeated_rounds");
+            } else if record
+                .rounds
+                .first_mut()
+                .and_then(|newest| newest.measured.pop())
+                .is_some()
+            {
+                self.cut.count("measurements");
+            } else {
+                break;
+            }
+        }
+        self.records = self.records.wrapping_add(1);
+        let packet = codec::encode(self.envelope(self.records, round.instant), &record);
+        let bytes = self.sendable(now, packet)?;
+        Some((PacketKey::Odometry { from: self.me }, bytes))
+    }
+
+    /// The estimate in bytes.
+    pub(crate) fn estimate(&mut self, taken: Stamp, estimate: &Estimate) -> Option<Vec<u8>> {
+        self.estimates = self.estimates.wrapping_add(1);
+        let packet = codec::encode(self.envelope(self.estimates, taken), estimate);
+        self.counted(packet)
+    }
+
+    fn remember(&mut self, round: &Round, neighbours: &Neighbours) {
+        let Some(odometry) = &round.odometry else {
+            return;
+        };
+        let distance = |name: &Name| {
+            neighbours
+                .get(*name)
+                .map_or(f64::INFINITY, |neighbour| neighbour.distance_m())
+        };
+        let mut measured: Vec<(f64, Addressed)> = Vec::new();
+        for (name, list) in &round.measured {
+            let addressed = |measured| {
+                (
+                    distance(name),
+                    Addressed {
+                        to: name.hash(),
+                        measured,
+                    },
+                )
+            };
+            measured.extend(list.iter().copied().map(addressed));
+        }
+        measured.sort_by(|a, b| a.0.total_cmp(&b.0));
+        self.cut.add(
+            "measurements",
+            measured.len().saturating_sub(MEASURED_PER_ROUND_MAX) as u64,
+        );
+        measured.truncate(MEASURED_PER_ROUND_MAX);
+        let entry = record::Round {
+            back: 0,
+            segment: odometry.segment,
+            odometry_from_body: odometry.odometry_from_body.to_numbers(),
+            growth: translate::growth_to_wire(&odometry.growth),
+            measured: measured
+                .into_iter()
+                .map(|(_, addressed)| addressed)
+                .collect(),
+        };
+        self.rounds.push_back((round.index, entry));
+        if self.rounds.len() > ROUNDS_PER_RECORD_MAX {
+            self.rounds.pop_front();
+        }
+    }
+
+    /// Echoes of a few neighbours; the next ones take their turn in the next record.
+    fn echoes(&mut self, now: Stamp, neighbours: &Neighbours) -> Vec<PeerEcho> {
+        let fresh: Vec<PeerEcho> = neighbours
+            .iter()
+            .filter_map(|(name, neighbour)| Some((name, neighbour.to_echo()?)))
+            .filter(|(_, echo)| now - Stamp::from_nanos(echo.received_ns) <= SENT_STAMPS_SPAN)
+            .map(|(name, echo)| PeerEcho {
+                to: name.hash(),
+                heard_ns: echo.heard_ns,
+                received_ns: echo.received_ns,
+            })
+            .collect();
+        let count = fresh.len().min(ECHOES_PER_RECORD_MAX);
+        let start = self.echo_turn;
+        self.echo_turn = if fresh.is_empty() {
+            0
+        } else {
+            (start + count) % fresh.len()
+        };
+        (0..count)
+            .map(|turn| fresh[(start + turn) % fresh.len()])
+            .collect()
+    }
+
+    const fn envelope(&self, sequence: u32, taken: Stamp) -> Envelope {
+        Envelope {
+            major: 0,
+            minor: 0,
+            body_bytes: 0,
+            sequence,
+            boot: self.boot,
+            sender: self.hash,
+            taken_ns: taken.as_nanos(),
+        }
+    }
+
+    fn sendable(
+        &mut self,
+        now: Stamp,
+        packet: Result<Vec<u8>, codec::EncodeError>,
+    ) -> Option<Vec<u8>> {
+        let bytes = self.counted(packet)?;
+        self.sent.add(now);
+        Some(bytes)
+    }
+
+    /// Every number that goes out was checked when it came in; should one break a limit all the same, the packet is
+    /// not sent, and that is shown.
+    fn counted(&mut self, packet: Result<Vec<u8>, codec::EncodeError>) -> Option<Vec<u8>> {
+        packet.inspect_err(|_| self.cut.count("unsendable")).ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_stamps_of_the_last_seconds_are_known_and_their_number_is_bounded() {
+        let mut sent = SentStamps::default();
+        for micros in 0..=SENT_STAMPS_MAX as i64 {
+            sent.add(Stamp::default() + Span::micros(micros));
+        }
+        assert!(!sent.contains(Stamp::default()));
+        assert!(sent.contains(Stamp::default() + Span::micros(1)));
+        sent.add(Stamp::default() + Span::secs(6));
+        assert!(!sent.contains(Stamp::default() + Span::micros(1)));
+    }
+}

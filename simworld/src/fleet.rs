@@ -1,0 +1,368 @@
+//! A fleet in virtual time: the production vehicle and codec over simworld's radio, deterministic for a seed.
+//!
+//! What is tested here is what flies: only the sockets and the clocks are replaced.
+
+use crate::radio::{Radio, RadioSettings, Verdict};
+use crate::scenario::Scenario;
+use crate::truth::Pose;
+use crate::world::{Delivery, World};
+use nalgebra::{Quaternion, Translation3, UnitQuaternion};
+use skein_estimation::time::Stamp;
+use skein_proto::document::{EstimateDocument, HealthDocument, PoseDocument};
+use skein_vehicle::{Config, Input, Output, PacketKey, Vehicle};
+use std::collections::BTreeMap;
+
+/// Several vehicles and the air between them.
+#[derive(Debug)]
+pub struct Fleet {
+    world: World,
+    radio: Radio,
+    members: Vec<Member>,
+    events: BTreeMap<(i64, u64), Event>,
+    order: u64,
+    now_ns: i64,
+    log: Option<Vec<Logged>>,
+}
+
+/// One vehicle of a fleet.
+#[derive(Debug)]
+struct Member {
+    config: Config,
+    vehicle: Option<Vehicle>,
+    starts: usize,
+    wake_ns: i64,
+    estimate: Option<Box<EstimateDocument>>,
+    health: Option<Box<HealthDocument>>,
+}
+
+#[derive(Clone, Debug)]
+enum Event {
+    /// The drivers of a vehicle prepare the round that ends one period later.
+    Prepare { vehicle: usize, instant_ns: i64 },
+    /// Something reaches a vehicle.
+    Input { vehicle: usize, input: Input },
+    /// A vehicle asked to be woken.
+    Wake { vehicle: usize },
+}
+
+/// Something that went into or came out of a vehicle, for comparing runs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Logged {
+    /// Which vehicle.
+    pub vehicle: usize,
+    /// When, on its clock.
+    pub stamp: Stamp,
+    /// What went in, or came out.
+    pub what: LoggedValue,
+}
+
+/// What was logged.
+#[derive(Clone, Debug, PartialEq)]
+pub enum LoggedValue {
+    /// It went in.
+    Input(Input),
+    /// It came out.
+    Output(Output),
+}
+
+impl Fleet {
+    /// A fleet on one sample of a scenario, before its standstill.
+    #[must_use]
+    pub fn new(scenario: &Scenario, sample: u64) -> Self {
+        Self::with_configs(scenario, sample, |_, config| config)
+    }
+
+    /// The same with configurations changed by `change`, which is given the vehicle's index.
+    #[must_use]
+    pub fn with_configs(scenario: &Scenario, sample: u64, change: impl Fn(usize, Config) -> Config) -> Self {
+        let world = World::new(scenario, sample);
+        let (start_ns, _) = world.span_ns();
+        let member = |vehicle| Member {
+            config: change(vehicle, world.config(vehicle, 0)),
+            vehicle: None,
+            starts: 0,
+            wake_ns: i64::MAX,
+            estimate: None,
+            health: None,
+        };
+        let members: Vec<Member> = (0..world.len()).map(member).collect();
+        let radio = Radio::new(&scenario.radio, world.streams());
+        let mut fleet = Self {
+            world,
+            radio,
+            members,
+            events: BTreeMap::new(),
+            order: 0,
+            now_ns: start_ns,
+            log: None,
+        };
+        for vehicle in 0..fleet.len() {
+            fleet.start(vehicle);
+            let instant_ns = fleet.world.first_instant_ns(vehicle, start_ns + 1);
+            fleet.push(start_ns, Event::Prepare { vehicle, instant_ns });
+        }
+        fleet
+    }
+
+    /// Keeps everything that goes in and comes out from now on.
+    pub fn log(&mut self) {
+        self.log.get_or_insert_default();
+    }
+
+    /// What was kept.
+    pub fn take_log(&mut self) -> Vec<Logged> {
+        self.log.take().unwrap_or_default()
+    }
+
+    /// Number of vehicles.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.members.len()
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.members.is_empty()
+    }
+
+    /// The world that it flies in.
+    #[must_use]
+    pub const fn world(&self) -> &World {
+        &self.world
+    }
+
+    /// The air between the vehicles, with its counts.
+    #[must_use]
+    pub const fn radio(&self) -> &Radio {
+        &self.radio
+    }
+
+    /// Changes the air from now on.
+    pub fn change_radio(&mut self, settings: &RadioSettings) {
+        self.radio.change(settings);
+    }
+
+    /// Nanoseconds since the start of the motion.
+    #[must_use]
+    pub const fn now_ns(&self) -> i64 {
+        self.now_ns
+    }
+
+    /// The configuration that a vehicle was last started with.
+    #[must_use]
+    pub fn config(&self, vehicle: usize) -> &Config {
+        &self.members[vehicle].config
+    }
+
+    /// The newest estimate that a vehicle published.
+    #[must_use]
+    pub fn estimate(&self, vehicle: usize) -> Option<&EstimateDocument> {
+        self.members[vehicle].estimate.as_deref()
+    }
+
+    /// The newest health that a vehicle published.
+    #[must_use]
+    pub fn health(&self, vehicle: usize) -> Option<&HealthDocument> {
+        self.members[vehicle].health.as_deref()
+    }
+
+    /// A vehicle's newest estimated pose and the truth at the time that it speaks of.
+    #[must_use]
+    pub fn scored(&self, vehicle: usize) -> Option<(Pose, Pose)> {
+        let estimate = self.estimate(vehicle)?;
+        let at_ns = self.world.time_ns(vehicle, estimate.taken_ns);
+        Some((self.world.truth(vehicle, at_ns), pose_of(estimate.pose.as_ref()?)))
+    }
+
+    /// Distance between a vehicle's newest estimate and the truth, in metres; infinite when it has none.
+    #[must_use]
+    pub fn position_error_m(&self, vehicle: usize) -> f64 {
+        self.scored(vehicle).map_or(f64::INFINITY, |(truth, estimate)| {
+            (estimate.translation.vector - truth.translation.vector).norm()
+        })
+    }
+
+    /// A vehicle's process dies without a word.
+    pub fn kill(&mut self, vehicle: usize) {
+        let member = &mut self.members[vehicle];
+        member.vehicle = None;
+        member.wake_ns = i64::MAX;
+        member.estimate = None;
+        member.health = None;
+        let (name, boot) = (member.config.vehicle, member.config.boot);
+        self.tell_all_but(vehicle, &Input::Vanished { vehicle: name, boot });
+    }
+
+    /// A vehicle's process is started again, under a new boot id, with a start of its own.
+    pub fn restart(&mut self, vehicle: usize, start: skein_vehicle::Start) {
+        self.members[vehicle].config.start = start;
+        self.start(vehicle);
+    }
+
+    fn start(&mut self, vehicle: usize) {
+        let boot = self.world.boot(vehicle, self.members[vehicle].starts);
+        let stamp = self.stamp(vehicle);
+        let member = &mut self.members[vehicle];
+        member.config.boot = boot;
+        member.starts += 1;
+        member.vehicle = Some(Vehicle::new(member.config.clone(), stamp));
+        let name = member.config.vehicle;
+        self.push(self.now_ns, Event::Input { vehicle, input: Input::Wake });
+        self.tell_all_but(vehicle, &Input::Appeared { vehicle: name, boot });
+        let others: Vec<Input> = (0..self.len())
+            .filter(|other| *other != vehicle && self.members[*other].vehicle.is_some())
+            .map(|other| &self.members[other].config)
+            .map(|config| Input::Appeared { vehicle: config.vehicle, boot: config.boot })
+            .collect();
+        for input in others {
+            self.push(self.now_ns, Event::Input { vehicle, input });
+        }
+    }
+
+    fn tell_all_but(&mut self, vehicle: usize, input: &Input) {
+        for other in (0..self.len()).filter(|other| *other != vehicle) {
+            self.push(self.now_ns, Event::Input { vehicle: other, input: input.clone() });
+        }
+    }
+
+    /// Flies until a time, which is not yet handled itself: at `k P` the round k is still to come.
+    pub fn run_until(&mut self, until_ns: i64) {
+        while let Some(entry) = self.events.first_entry() {
+            let at_ns = entry.key().0;
+            if at_ns >= until_ns {
+                break;
+            }
+            let event = entry.remove();
+            self.now_ns = at_ns;
+            self.happen(event);
+        }
+        self.now_ns = self.now_ns.max(until_ns);
+    }
+
+    /// Flies for some seconds.
+    pub fn run_s(&mut self, seconds: f64) {
+        self.run_until(self.now_ns + crate::world::nanos(seconds));
+    }
+
+    fn happen(&mut self, event: Event) {
+        match event {
+            Event::Prepare { vehicle, instant_ns } => self.prepare(vehicle, instant_ns),
+            Event::Input { vehicle, input } => self.feed(vehicle, input),
+            Event::Wake { vehicle } if self.members[vehicle].wake_ns == self.now_ns => self.feed(vehicle, Input::Wake),
+            Event::Wake { .. } => {}
+        }
+    }
+
+    /// Lays out what the drivers of a vehicle will bring for its next round.
+    fn prepare(&mut self, vehicle: usize, instant_ns: i64) {
+        for Delivery { at_ns, sensor, frame } in self.world.round(vehicle, instant_ns) {
+            let input = Input::Frame { sensor, bytes: frame.encode() };
+            self.push(at_ns, Event::Input { vehicle, input });
+        }
+        let next_ns = instant_ns + self.world.period_ns();
+        self.push(instant_ns, Event::Prepare { vehicle, instant_ns: next_ns });
+    }
+
+    fn feed(&mut self, vehicle: usize, input: Input) {
+        let stamp = self.stamp(vehicle);
+        let Some(mut flying) = self.members[vehicle].vehicle.take() else { return };
+        self.note(vehicle, stamp, || LoggedValue::Input(input.clone()));
+        flying.handle(stamp, input);
+        loop {
+            let output = flying.poll();
+            self.note(vehicle, stamp, || LoggedValue::Output(output.clone()));
+            match output {
+                Output::Send { key, bytes } => self.send(vehicle, key, &bytes),
+                Output::Estimate { document, .. } => self.members[vehicle].estimate = Some(document),
+                Output::Health(document) => self.members[vehicle].health = Some(document),
+                Output::WakeAt(at) => {
+                    let wake_ns = self.world.time_ns(vehicle, at.as_nanos()).max(self.now_ns);
+                    if self.members[vehicle].wake_ns != wake_ns {
+                        self.members[vehicle].wake_ns = wake_ns;
+                        self.push(wake_ns, Event::Wake { vehicle });
+                    }
+                    break;
+                }
+            }
+        }
+        self.members[vehicle].vehicle = Some(flying);
+    }
+
+    /// A packet goes into the air: an exchange to its addressee, a record to everybody.
+    fn send(&mut self, from: usize, key: PacketKey, bytes: &[u8]) {
+        for to in (0..self.len()).filter(|to| *to != from) {
+            if matches!(key, PacketKey::Exchange { to: addressee, .. } if addressee != self.world.name(to)) {
+                continue;
+            }
+            let apart = self.world.truth(from, self.now_ns).translation.vector
+                - self.world.truth(to, self.now_ns).translation.vector;
+            if let Verdict::Deliver { at_ns } = self.radio.transmit(self.now_ns, from, to, apart.norm(), bytes.len()) {
+                let input = Input::Packet { key, bytes: bytes.to_vec() };
+                self.push(at_ns, Event::Input { vehicle: to, input });
+            }
+        }
+    }
+
+    fn stamp(&self, vehicle: usize) -> Stamp {
+        Stamp::from_nanos(self.world.stamp_ns(vehicle, self.now_ns))
+    }
+
+    fn push(&mut self, at_ns: i64, event: Event) {
+        self.order += 1;
+        self.events.insert((at_ns, self.order), event);
+    }
+
+    fn note(&mut self, vehicle: usize, stamp: Stamp, what: impl FnOnce() -> LoggedValue) {
+        if let Some(log) = &mut self.log {
+            log.push(Logged { vehicle, stamp, what: what() });
+        }
+    }
+}
+
+/// A published pose as truth writes it.
+#[must_use]
+pub fn pose_of(document: &PoseDocument) -> Pose {
+    let [w, x, y, z] = document.quaternion_wxyz;
+    Pose::from_parts(
+        Translation3::from(document.position_m),
+        UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z)),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn section_v() -> Scenario {
+        Scenario::built_in("section-v").expect("built in")
+    }
+
+    #[test]
+    fn five_vehicles_hold_each_other_better_than_odometry_alone() {
+        let mut fleet = Fleet::new(&section_v(), 3);
+        fleet.run_until(20_000_000_001);
+        let mean = |error: &dyn Fn(usize) -> f64| (0..5).map(error).sum::<f64>() / 5.0;
+        let estimate = mean(&|vehicle| fleet.position_error_m(vehicle));
+        let reckoned = mean(&|vehicle| {
+            let truth = fleet.world().truth(vehicle, 20_000_000_000).translation.vector;
+            (fleet.world().dead_reckoning(vehicle).translation.vector - truth).norm()
+        });
+        eprintln!("estimate {estimate} m, dead reckoning {reckoned} m");
+        eprintln!("{}", serde_json::to_string_pretty(fleet.health(0).unwrap()).unwrap());
+        assert!(estimate < 0.4 * reckoned, "{estimate} against {reckoned}");
+    }
+
+    #[test]
+    fn the_same_seed_gives_the_same_flight_bit_by_bit() {
+        let fly = || {
+            let mut fleet = Fleet::new(&section_v(), 5);
+            fleet.log();
+            fleet.run_until(4_000_000_000);
+            fleet.take_log()
+        };
+        let (one, two) = (fly(), fly());
+        assert!(one.len() > 1000);
+        assert!(one == two);
+    }
+}

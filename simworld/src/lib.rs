@@ -1,0 +1,36 @@
+//! Virtual worlds for Skein: where vehicles really are, what they measure, what the radio does to their packets, and how
+//! well they did. Nothing here reads a clock or a socket; everything is the same again for the same seed.
+//!
+//! A virtual flight passes through the modules in this order:
+//!
+//! ```text
+//! scenario ─> trajectory ─> truth ─> sensor ─> (the vehicles) ─> radio ─> (the vehicles) ─> statistics, evaluation ─> plot
+//!                                    streams
+//! ```
+//!
+//! [`truth`], [`trajectory`] and [`sensor`] use none of the estimators' geometry: a sign error there must meet a second
+//! opinion. [`mrclam`] and [`calibration`] put real robots in the place of the virtual ones.
+
+mod bounded;
+pub mod scenario;
+pub mod streams;
+
+pub mod trajectory;
+pub mod truth;
+
+pub mod radio;
+pub mod sensor;
+pub mod von_mises_fisher;
+
+pub mod calibration;
+pub mod datasets;
+pub mod mrclam;
+
+pub mod evaluation;
+pub mod statistics;
+pub mod tum;
+
+pub mod plot;
+
+pub mod fleet;
+pub mod world;

@@ -1,0 +1,317 @@
+//! One flight of a scenario as its vehicles' drivers see it: truth turned into driver frames, round by round.
+//!
+//! The same world feeds a virtual fleet, live agents and the bare solver, so all three fly the same sample.
+
+use crate::scenario::{Scenario, Start};
+use crate::sensor::{Noise, Odometry, Reading, RelativeSensor, Sight};
+use crate::streams::{Purpose, Streams};
+use crate::truth::Pose;
+use rand::RngExt;
+use skein_estimation::cooperative::Optimiser;
+use skein_estimation::time::Span;
+use skein_estimation::{Body, Sensor, Transform};
+use skein_proto::frame::{Frame, OdometryFrame, RelativeFrame, RelativeValue};
+use skein_proto::name::Name;
+use skein_vehicle::{Config, SensorConfig};
+
+/// UNIX time of the start of the motion, on a clock that is not ahead: some day in 2027.
+const EPOCH_NS: i64 = 1_800_000_000_000_000_000;
+/// Name of every vehicle's odometry.
+pub const ODOMETRY: &str = "odometry";
+/// Name of every vehicle's relative sensor.
+pub const RELATIVE: &str = "relative";
+
+/// Truth and sensors of one sample of a scenario. Times are nanoseconds since the start of the motion.
+#[derive(Debug)]
+pub struct World {
+    scenario: Scenario,
+    streams: Streams,
+    period_ns: i64,
+    epoch_ns: i64,
+    vehicles: Vec<Simulated>,
+}
+
+#[derive(Debug)]
+struct Simulated {
+    name: Name,
+    ahead_ns: i64,
+    odometry: Odometry,
+    sensor: RelativeSensor,
+    dead_reckoning: Pose,
+}
+
+/// A frame that a vehicle's driver brings at some time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Delivery {
+    /// When, in nanoseconds since the start of the motion.
+    pub at_ns: i64,
+    /// From which of the vehicle's sensors.
+    pub sensor: Name,
+    /// What it says, on the vehicle's clock.
+    pub frame: Frame,
+}
+
+/// A name that is known to be one.
+fn fixed(name: &str) -> Name {
+    Name::parse(name).expect("lower-case letters only")
+}
+
+impl World {
+    /// The world of one sample.
+    #[must_use]
+    pub fn new(scenario: &Scenario, sample: u64) -> Self {
+        let streams = scenario.streams(sample);
+        let period_ns = nanos(scenario.period_s);
+        let team = scenario.team.vehicles();
+        let vehicles = team.iter().enumerate().map(|(index, vehicle)| Simulated {
+            name: Name::parse(&vehicle.name).expect("a scenario checks its names"),
+            ahead_ns: scenario.clock_ahead_ns(sample, index),
+            odometry: Odometry::new(scenario.odometry, scenario.period_s, index, &streams),
+            sensor: RelativeSensor::new(&scenario.sensor, index, team.len(), streams),
+            dead_reckoning: vehicle.trajectory.pose_at(0.0),
+        });
+        Self {
+            vehicles: vehicles.collect(),
+            scenario: scenario.clone(),
+            streams,
+            period_ns,
+            // A multiple of the period, so that clocks that are not ahead have a round at k = 0.
+            epoch_ns: EPOCH_NS.div_euclid(period_ns) * period_ns,
+        }
+    }
+
+    /// What is flown.
+    #[must_use]
+    pub const fn scenario(&self) -> &Scenario {
+        &self.scenario
+    }
+
+    /// How many vehicles there are.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.vehicles.len()
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.vehicles.is_empty()
+    }
+
+    /// A vehicle's name.
+    #[must_use]
+    pub fn name(&self, vehicle: usize) -> Name {
+        self.vehicles[vehicle].name
+    }
+
+    /// Length of a round.
+    #[must_use]
+    pub const fn period_ns(&self) -> i64 {
+        self.period_ns
+    }
+
+    /// When the flight begins (everyone stands) and ends.
+    #[must_use]
+    pub fn span_ns(&self) -> (i64, i64) {
+        (-nanos(self.scenario.standstill_s), nanos(self.scenario.duration_s))
+    }
+
+    /// What a vehicle's clock shows at a time of the simulation.
+    #[must_use]
+    pub fn stamp_ns(&self, vehicle: usize, at_ns: i64) -> i64 {
+        self.epoch_ns + at_ns + self.vehicles[vehicle].ahead_ns
+    }
+
+    /// The time of the simulation at which a vehicle's clock shows a stamp.
+    #[must_use]
+    pub fn time_ns(&self, vehicle: usize, stamp_ns: i64) -> i64 {
+        stamp_ns - self.epoch_ns - self.vehicles[vehicle].ahead_ns
+    }
+
+    /// The first round instant of a vehicle's clock at or after a time of the simulation.
+    #[must_use]
+    pub fn first_instant_ns(&self, vehicle: usize, from_ns: i64) -> i64 {
+        let stamp = self.stamp_ns(vehicle, from_ns);
+        let rounds = stamp.div_euclid(self.period_ns) + i64::from(stamp.rem_euclid(self.period_ns) > 0);
+        self.time_ns(vehicle, rounds * self.period_ns)
+    }
+
+    /// Where a vehicle is.
+    #[must_use]
+    pub fn truth(&self, vehicle: usize, at_ns: i64) -> Pose {
+        self.scenario.team.vehicles()[vehicle].trajectory.pose_at(seconds(at_ns))
+    }
+
+    /// Where its odometry alone says that it is, at the last round that was made.
+    #[must_use]
+    pub fn dead_reckoning(&self, vehicle: usize) -> &Pose {
+        &self.vehicles[vehicle].dead_reckoning
+    }
+
+    /// Everything that a vehicle's drivers bring for the round that ends at `instant_ns`: what it measured in it, then
+    /// its odometry. Must be asked for every round once, in order.
+    pub fn round(&mut self, vehicle: usize, instant_ns: i64) -> Vec<Delivery> {
+        let mut deliveries = self.measure(vehicle, instant_ns);
+        deliveries.push(self.odometry(vehicle, instant_ns));
+        deliveries
+    }
+
+    fn odometry(&mut self, vehicle: usize, instant_ns: i64) -> Delivery {
+        let since_ns = instant_ns - self.period_ns;
+        let trajectory = &self.scenario.team.vehicles()[vehicle].trajectory;
+        let motion =
+            self.vehicles[vehicle].odometry.between(trajectory, seconds(since_ns), seconds(instant_ns));
+        self.vehicles[vehicle].dead_reckoning *= motion;
+        let noise = &self.scenario.odometry;
+        let frame = OdometryFrame {
+            since_ns: self.stamp_ns(vehicle, since_ns),
+            taken_ns: self.stamp_ns(vehicle, instant_ns),
+            motion: numbers(&motion),
+            rotation_sigma_rad: noise.rotation_concentration.angle_std_rad(),
+            translation_sigma_m: noise.translation_std_m,
+        };
+        Delivery { at_ns: instant_ns, sensor: fixed(ODOMETRY), frame: Frame::Odometry(frame) }
+    }
+
+    /// Nobody measures while the team stands: k = 0 is known.
+    fn measure(&mut self, vehicle: usize, instant_ns: i64) -> Vec<Delivery> {
+        if instant_ns <= 0 {
+            return Vec::new();
+        }
+        let taken_s =
+            self.vehicles[vehicle].sensor.taken_s(seconds(instant_ns), seconds(self.period_ns));
+        if taken_s <= 0.0 {
+            return Vec::new();
+        }
+        let delay_ns = nanos(self.scenario.sensor.delivery_delay_s);
+        let taken_ns = nanos(taken_s);
+        let observer = self.truth(vehicle, taken_ns);
+        let targets: Vec<(usize, Pose)> = (0..self.len())
+            .filter(|target| *target != vehicle)
+            .map(|target| (target, self.truth(target, taken_ns)))
+            .collect();
+        let simulated = &mut self.vehicles[vehicle];
+        let mut seen: Vec<(usize, Reading)> = Vec::new();
+        for (target, world_from_target) in &targets {
+            let sight = simulated.sensor.observe(taken_s, &observer, *target, world_from_target);
+            if let Sight::Seen { reading, .. } = sight {
+                seen.push((*target, reading));
+            }
+        }
+        seen.extend(simulated.sensor.phantoms(taken_s, &observer));
+        let stamp = self.stamp_ns(vehicle, taken_ns);
+        let noise = self.scenario.sensor.noise;
+        let delivery = |(target, reading): (usize, Reading)| Delivery {
+            at_ns: taken_ns + delay_ns,
+            sensor: fixed(RELATIVE),
+            frame: Frame::Relative(RelativeFrame {
+                taken_ns: stamp,
+                target: self.vehicles[target].name,
+                value: value(&reading, &noise),
+            }),
+        };
+        seen.into_iter().map(delivery).collect()
+    }
+
+    /// The daemon's configuration of a vehicle: what its user would have written.
+    #[must_use]
+    pub fn config(&self, vehicle: usize, boot: u64) -> Config {
+        let entry = &self.scenario.team.vehicles()[vehicle];
+        let period = Span::from_nanos(self.period_ns);
+        let sensor = |name: &str, mount: &Pose| SensorConfig {
+            name: fixed(name),
+            driver: "simworld".to_owned(),
+            body_from_sensor: transform::<Body, Sensor>(mount),
+        };
+        Config {
+            vehicle: self.vehicles[vehicle].name,
+            boot,
+            period,
+            round_wait: Span::from_nanos(self.period_ns / 2 * 3),
+            start: match entry.start {
+                Start::Pose => skein_vehicle::Start::Pose(transform(&entry.trajectory.pose_at(0.0))),
+                Start::Unknown => skein_vehicle::Start::Unknown,
+            },
+            optimiser: Optimiser::gauss_newton(),
+            sensors: vec![
+                sensor(ODOMETRY, &Pose::identity()),
+                sensor(RELATIVE, self.vehicles[vehicle].sensor.body_from_sensor()),
+            ],
+            body_from_target: Transform::identity(),
+            presence_timeout: Span::secs(3),
+            repeats: 3,
+            estimate_spacing: Span::ZERO,
+        }
+    }
+
+    /// A boot id, drawn for the nth start of a vehicle.
+    #[must_use]
+    pub fn boot(&self, vehicle: usize, start: usize) -> u64 {
+        let mut stream = self.streams.vehicle(vehicle, Purpose::VehicleSoftware);
+        (0..=start).map(|_| stream.random()).last().unwrap_or_default()
+    }
+
+    /// The random streams of this sample.
+    #[must_use]
+    pub const fn streams(&self) -> Streams {
+        self.streams
+    }
+}
+
+/// Whole nanoseconds of a number of seconds.
+#[must_use]
+pub fn nanos(seconds: f64) -> i64 {
+    (seconds * 1e9).round() as i64
+}
+
+/// Seconds of whole nanoseconds. Times of rounds come out as near to `0.2 k` as a float can be.
+#[must_use]
+pub fn seconds(nanos: i64) -> f64 {
+    nanos as f64 / 1e9
+}
+
+/// Rotation vector, then translation.
+#[must_use]
+pub fn numbers(pose: &Pose) -> [f64; 6] {
+    let w = pose.rotation.scaled_axis();
+    let t = pose.translation.vector;
+    [w.x, w.y, w.z, t.x, t.y, t.z]
+}
+
+/// Truth as the estimators write it.
+#[must_use]
+pub fn transform<To, From>(pose: &Pose) -> Transform<To, From> {
+    Transform::new(pose.rotation, pose.translation.vector)
+}
+
+/// An estimator's pose as truth writes it.
+#[must_use]
+pub fn pose<To, From>(transform: &Transform<To, From>) -> Pose {
+    Pose::from_parts(transform.translation.into(), transform.rotation)
+}
+
+fn value(reading: &Reading, noise: &Noise) -> RelativeValue {
+    let rotation_sigma_rad = noise.rotation_concentration.angle_std_rad();
+    let translation_sigma_m = noise.translation_std_m;
+    match reading {
+        Reading::Pose(sensor_from_target) => RelativeValue::Pose {
+            sensor_from_target: numbers(sensor_from_target),
+            rotation_sigma_rad,
+            translation_sigma_m,
+        },
+        Reading::Orientation(rotation) => RelativeValue::Orientation {
+            rotation_vector_rad: rotation.scaled_axis().into(),
+            sigma_rad: rotation_sigma_rad,
+        },
+        Reading::Position(position) => {
+            RelativeValue::Position { position_m: (*position).into(), sigma_m: translation_sigma_m }
+        }
+        Reading::Bearing(direction) => RelativeValue::Bearing {
+            direction: direction.into_inner().into(),
+            sigma_rad: noise.bearing_concentration.angle_std_rad(),
+        },
+        Reading::Distance(distance_m) => {
+            RelativeValue::Distance { distance_m: *distance_m, sigma_m: noise.distance_std_m }
+        }
+    }
+}
