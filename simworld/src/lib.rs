@@ -34,3 +34,4 @@ pub mod plot;
 
 pub mod fleet;
 pub mod world;
+pub mod experiment;

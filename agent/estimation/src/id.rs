@@ -17,13 +17,16 @@ impl VehicleId {
     pub fn new(name: &str) -> Option<Self> {
         let length = u8::try_from(name.len()).ok()?;
         let mut bytes = [0; VEHICLE_ID_BYTES_MAX];
-        bytes.get_mut(..name.len())?.copy_from_slice(name.as_bytes());
+        bytes
+            .get_mut(..name.len())?
+            .copy_from_slice(name.as_bytes());
         (length > 0).then_some(Self { bytes, length })
     }
 
     /// The name.
     pub fn as_str(&self) -> &str {
-        std::str::from_utf8(&self.bytes[..usize::from(self.length)]).expect("built from a whole string")
+        std::str::from_utf8(&self.bytes[..usize::from(self.length)])
+            .expect("built from a whole string")
     }
 }
 

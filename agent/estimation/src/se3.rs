@@ -21,7 +21,10 @@ pub fn exp<To, From>(twist: &Vector6<f64>) -> Transform<To, From> {
 #[must_use]
 pub fn log<To, From>(transform: &Transform<To, From>) -> Vector6<f64> {
     let w = so3::log(&transform.rotation);
-    join(&w, &(so3::left_jacobian_inverse(&w) * transform.translation))
+    join(
+        &w,
+        &(so3::left_jacobian_inverse(&w) * transform.translation),
+    )
 }
 
 /// The adjoint: `T exp(x) = exp(Ad(T) x) T`.
@@ -63,13 +66,20 @@ pub fn right_jacobian_inverse(twist: &Vector6<f64>) -> Matrix6<f64> {
 /// Fractions outside [0, 1] continue the same twist. Half a turn between `a` and `b` is ambiguous; the way round is
 /// then the one of [`so3::log`].
 #[must_use]
-pub fn interpolate<To, From>(a: &Transform<To, From>, b: &Transform<To, From>, fraction: f64) -> Transform<To, From> {
+pub fn interpolate<To, From>(
+    a: &Transform<To, From>,
+    b: &Transform<To, From>,
+    fraction: f64,
+) -> Transform<To, From> {
     let twist = log(&(a.inverse() * *b));
     *a * exp(&(twist * fraction))
 }
 
 fn split(twist: &Vector6<f64>) -> (Vector3<f64>, Vector3<f64>) {
-    (twist.fixed_rows::<3>(0).into_owned(), twist.fixed_rows::<3>(3).into_owned())
+    (
+        twist.fixed_rows::<3>(0).into_owned(),
+        twist.fixed_rows::<3>(3).into_owned(),
+    )
 }
 
 fn join(w: &Vector3<f64>, v: &Vector3<f64>) -> Vector6<f64> {
@@ -93,10 +103,15 @@ fn coupling(w: &Vector3<f64>, v: &Vector3<f64>) -> Matrix3<f64> {
     // c1 = (a - sin a)/a^3, c2 = (a^2/2 + cos a - 1)/a^4, c3 = (c2 + 3 (a - sin a - a^3/6)/a^5) / 2.
     let (c1, c2, c3) = if angle < SERIES_BELOW_ANGLE_RAD {
         (
-            (1.0 - s / 20.0 * (1.0 - s / 42.0 * (1.0 - s / 72.0 * (1.0 - s / 110.0 * (1.0 - s / 156.0))))) / 6.0,
-            (1.0 - s / 30.0 * (1.0 - s / 56.0 * (1.0 - s / 90.0 * (1.0 - s / 132.0 * (1.0 - s / 182.0))))) / 24.0,
+            (1.0 - s / 20.0
+                * (1.0 - s / 42.0 * (1.0 - s / 72.0 * (1.0 - s / 110.0 * (1.0 - s / 156.0)))))
+                / 6.0,
+            (1.0 - s / 30.0
+                * (1.0 - s / 56.0 * (1.0 - s / 90.0 * (1.0 - s / 132.0 * (1.0 - s / 182.0)))))
+                / 24.0,
             // The sum of the two series, term by term: 1/120 - s/2520 + s^2/120960 - s^3/9979200 + ...
-            1.0 / 120.0 - s / 2520.0 + s * s / 120_960.0 - s * s * s / 9_979_200.0 + s * s * s * s / 1_245_404_160.0,
+            1.0 / 120.0 - s / 2520.0 + s * s / 120_960.0 - s * s * s / 9_979_200.0
+                + s * s * s * s / 1_245_404_160.0,
         )
     } else {
         let (sine, cosine) = angle.sin_cos();
@@ -134,7 +149,14 @@ mod tests {
     #[test]
     fn a_quarter_circle_ends_where_the_circle_says() {
         // Radius 2 m, a quarter turn to the left at arc length pi: ends at (2, 2), heading +y.
-        let twist = Vector6::new(0.0, 0.0, std::f64::consts::FRAC_PI_2, std::f64::consts::PI, 0.0, 0.0);
+        let twist = Vector6::new(
+            0.0,
+            0.0,
+            std::f64::consts::FRAC_PI_2,
+            std::f64::consts::PI,
+            0.0,
+            0.0,
+        );
         let end: Element = exp(&twist);
         assert!((end.translation - Vector3::new(2.0, 2.0, 0.0)).norm() < 1e-14);
     }

@@ -13,8 +13,10 @@ pub fn exp(w: &Vector3<f64>) -> UnitQuaternion<f64> {
     let s = 0.25 * w.norm_squared();
     let (cosine, sine_over_half) = if s < 0.01 {
         (
-            1.0 - s / 2.0 * (1.0 - s / 12.0 * (1.0 - s / 30.0 * (1.0 - s / 56.0 * (1.0 - s / 90.0)))),
-            1.0 - s / 6.0 * (1.0 - s / 20.0 * (1.0 - s / 42.0 * (1.0 - s / 72.0 * (1.0 - s / 110.0)))),
+            1.0 - s / 2.0
+                * (1.0 - s / 12.0 * (1.0 - s / 30.0 * (1.0 - s / 56.0 * (1.0 - s / 90.0)))),
+            1.0 - s / 6.0
+                * (1.0 - s / 20.0 * (1.0 - s / 42.0 * (1.0 - s / 72.0 * (1.0 - s / 110.0)))),
         )
     } else {
         let half = s.sqrt();
@@ -31,11 +33,21 @@ pub fn exp(w: &Vector3<f64>) -> UnitQuaternion<f64> {
 #[must_use]
 pub fn log(rotation: &UnitQuaternion<f64>) -> Vector3<f64> {
     let vector = rotation.imag();
-    let (scalar, vector) = if rotation.w < 0.0 { (-rotation.w, -vector) } else { (rotation.w, vector) };
+    let (scalar, vector) = if rotation.w < 0.0 {
+        (-rotation.w, -vector)
+    } else {
+        (rotation.w, vector)
+    };
     // angle / sin(angle / 2). Near zero the series of 2 asin(x)/x, to the last digit below x = 0.1.
     let s = vector.norm_squared();
     let scale = if s < 0.01 {
-        let series = 1.0 + s * (1.0 / 6.0 + s * (3.0 / 40.0 + s * (5.0 / 112.0 + s * (35.0 / 1152.0 + s * (63.0 / 2816.0 + s * (231.0 / 13_312.0 + s * 143.0 / 10_240.0))))));
+        let series = 1.0
+            + s * (1.0 / 6.0
+                + s * (3.0 / 40.0
+                    + s * (5.0 / 112.0
+                        + s * (35.0 / 1152.0
+                            + s * (63.0 / 2816.0
+                                + s * (231.0 / 13_312.0 + s * 143.0 / 10_240.0))))));
         2.0 * series
     } else {
         let sine = s.sqrt();

@@ -138,7 +138,12 @@ impl Mul<i64> for Span {
 
 impl fmt::Debug for Stamp {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}.{:09} s", self.0.div_euclid(1_000_000_000), self.0.rem_euclid(1_000_000_000))
+        write!(
+            f,
+            "{}.{:09} s",
+            self.0.div_euclid(1_000_000_000),
+            self.0.rem_euclid(1_000_000_000)
+        )
     }
 }
 
@@ -154,8 +159,14 @@ mod tests {
 
     #[test]
     fn hostile_stamps_saturate_instead_of_overflowing() {
-        assert_eq!(Stamp::from_nanos(i64::MAX) + Span::secs(1), Stamp::from_nanos(i64::MAX));
-        assert_eq!(Stamp::from_nanos(i64::MIN) - Stamp::from_nanos(1), Span::from_nanos(i64::MIN));
+        assert_eq!(
+            Stamp::from_nanos(i64::MAX) + Span::secs(1),
+            Stamp::from_nanos(i64::MAX)
+        );
+        assert_eq!(
+            Stamp::from_nanos(i64::MIN) - Stamp::from_nanos(1),
+            Span::from_nanos(i64::MIN)
+        );
         assert_eq!(Span::from_nanos(i64::MIN).abs(), Span::from_nanos(i64::MAX));
     }
 

@@ -75,7 +75,11 @@ impl<To, From> Transform<To, From> {
     /// From a rotation and a translation in metres. Not checked for finiteness; see [`Transform::is_valid`].
     #[must_use]
     pub const fn new(rotation: UnitQuaternion<f64>, translation: Vector3<f64>) -> Self {
-        Self { rotation, translation, frames: PhantomData }
+        Self {
+            rotation,
+            translation,
+            frames: PhantomData,
+        }
     }
 
     /// The two frames coincide.
@@ -93,7 +97,10 @@ impl<To, From> Transform<To, From> {
             return Err(TransformError::NotFinite { index });
         }
         let [wx, wy, wz, x, y, z] = numbers;
-        Ok(Self::new(so3::exp(&Vector3::new(wx, wy, wz)), Vector3::new(x, y, z)))
+        Ok(Self::new(
+            so3::exp(&Vector3::new(wx, wy, wz)),
+            Vector3::new(x, y, z),
+        ))
     }
 
     /// From a quaternion as scalar and vector part and a translation (m); the quaternion is normalised.
@@ -101,26 +108,44 @@ impl<To, From> Transform<To, From> {
     /// # Errors
     /// [`TransformError`] when a number is not finite (counted quaternion x, y, z, then translation; the scalar part
     /// counts as 0) or the quaternion's length is not one within 1 %, which no rounding explains.
-    pub fn from_quaternion(scalar: f64, vector: [f64; 3], translation: [f64; 3]) -> Result<Self, TransformError> {
+    pub fn from_quaternion(
+        scalar: f64,
+        vector: [f64; 3],
+        translation: [f64; 3],
+    ) -> Result<Self, TransformError> {
         let quaternion = Quaternion::new(scalar, vector[0], vector[1], vector[2]);
         if !scalar.is_finite() {
             return Err(TransformError::NotFinite { index: 0 });
         }
-        if let Some(index) = vector.iter().chain(&translation).position(|number| !number.is_finite()) {
+        if let Some(index) = vector
+            .iter()
+            .chain(&translation)
+            .position(|number| !number.is_finite())
+        {
             return Err(TransformError::NotFinite { index });
         }
         let norm = quaternion.norm();
         if (norm - 1.0).abs() > 0.01 {
             return Err(TransformError::NotUnit { norm });
         }
-        Ok(Self::new(UnitQuaternion::new_normalize(quaternion), Vector3::from(translation)))
+        Ok(Self::new(
+            UnitQuaternion::new_normalize(quaternion),
+            Vector3::from(translation),
+        ))
     }
 
     /// Rotation vector (rad, length at most pi), then translation (m).
     #[must_use]
     pub fn to_numbers(&self) -> [f64; 6] {
         let w = so3::log(&self.rotation);
-        [w.x, w.y, w.z, self.translation.x, self.translation.y, self.translation.z]
+        [
+            w.x,
+            w.y,
+            w.z,
+            self.translation.x,
+            self.translation.y,
+            self.translation.z,
+        ]
     }
 
     /// The transform the other way.
@@ -164,7 +189,10 @@ impl<To, Middle, From> Mul<Transform<Middle, From>> for Transform<To, Middle> {
     type Output = Transform<To, From>;
 
     fn mul(self, right: Transform<Middle, From>) -> Self::Output {
-        Transform::new(self.rotation * right.rotation, self.transform_point(&right.translation))
+        Transform::new(
+            self.rotation * right.rotation,
+            self.transform_point(&right.translation),
+        )
     }
 }
 
@@ -186,7 +214,10 @@ impl<To, From> PartialEq for Transform<To, From> {
 impl<To, From> fmt::Debug for Transform<To, From> {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let frame = |name: &'static str| name.rsplit("::").next().unwrap_or(name);
-        let (to, from) = (frame(std::any::type_name::<To>()), frame(std::any::type_name::<From>()));
+        let (to, from) = (
+            frame(std::any::type_name::<To>()),
+            frame(std::any::type_name::<From>()),
+        );
         write!(formatter, "{to}_from_{from}{:?}", self.to_numbers())
     }
 }
@@ -198,9 +229,11 @@ mod tests {
     #[test]
     fn a_point_goes_through_a_composition_as_through_its_parts() {
         let world_from_body =
-            Transform::<World, Body>::from_rotation_vector([0.3, -0.2, 1.0, 4.0, 5.0, 6.0]).unwrap();
+            Transform::<World, Body>::from_rotation_vector([0.3, -0.2, 1.0, 4.0, 5.0, 6.0])
+                .unwrap();
         let body_from_sensor =
-            Transform::<Body, Sensor>::from_rotation_vector([-1.3, 0.2, 0.1, 0.1, 0.2, 0.3]).unwrap();
+            Transform::<Body, Sensor>::from_rotation_vector([-1.3, 0.2, 0.1, 0.1, 0.2, 0.3])
+                .unwrap();
         let point = Vector3::new(1.0, 2.0, 3.0);
         let at_once = (world_from_body * body_from_sensor).transform_point(&point);
         let in_parts = world_from_body.transform_point(&body_from_sensor.transform_point(&point));
@@ -212,7 +245,9 @@ mod tests {
     #[test]
     fn six_numbers_come_back_as_they_went_in() {
         let numbers = [0.3, -0.2, 1.0, 4.0, 5.0, 6.0];
-        let back = Transform::<World, Body>::from_rotation_vector(numbers).unwrap().to_numbers();
+        let back = Transform::<World, Body>::from_rotation_vector(numbers)
+            .unwrap()
+            .to_numbers();
         assert!(numbers.iter().zip(back).all(|(a, b)| (a - b).abs() < 1e-15));
     }
 
@@ -237,7 +272,8 @@ mod tests {
 
     #[test]
     fn retract_turns_on_the_body_side_and_shifts_in_the_world() {
-        let pose = Transform::<World, Body>::from_rotation_vector([0.0, 0.0, 1.5, 1.0, 0.0, 0.0]).unwrap();
+        let pose =
+            Transform::<World, Body>::from_rotation_vector([0.0, 0.0, 1.5, 1.0, 0.0, 0.0]).unwrap();
         let moved = pose.retract(&Vector3::new(0.2, 0.0, 0.0), &Vector3::new(0.0, 3.0, 0.0));
         let expected = pose.rotation * so3::exp(&Vector3::new(0.2, 0.0, 0.0));
         assert!(moved.rotation.angle_to(&expected) < 1e-7);

@@ -85,4 +85,15 @@ mod tests {
             );
         }
     }
+
+    #[test]
+    fn a_lane_runs_in_its_direction_nose_ahead() {
+        let north = Parallel {
+            yaw_deg: 90.0,
+            ..Parallel::of_robot(NonZeroU32::new(1).unwrap())
+        };
+        let pose = north.pose_at(4.0);
+        assert!((pose.translation.vector - Vector3::new(0.0, 1.0, 0.0)).norm() < 1e-12);
+        assert!((pose.rotation * Vector3::x() - Vector3::y()).norm() < 1e-12);
+    }
 }

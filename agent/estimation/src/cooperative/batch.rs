@@ -29,7 +29,11 @@ pub struct BatchSolution {
 ///
 /// Directions that nothing observes (no held node, a node without an edge) stay at their initial pose and the status
 /// says so. The poses stay finite in every case.
-pub fn solve(graph: &mut Graph, optimiser: &Optimiser, observe: impl FnMut(Progress)) -> BatchSolution {
+pub fn solve(
+    graph: &mut Graph,
+    optimiser: &Optimiser,
+    observe: impl FnMut(Progress),
+) -> BatchSolution {
     if graph.edges().is_empty() {
         return BatchSolution {
             status: SolveStatus::NothingMeasured,
@@ -54,7 +58,8 @@ pub fn solve(graph: &mut Graph, optimiser: &Optimiser, observe: impl FnMut(Progr
     }
     graph.replace_nodes(nodes);
     if let SolveStatus::Converged | SolveStatus::Stalled = solution.status {
-        let ends = |e: &super::graph::GraphEdge| (graph.nodes()[e.from.get()], graph.nodes()[e.to.get()]);
+        let ends =
+            |e: &super::graph::GraphEdge| (graph.nodes()[e.from.get()], graph.nodes()[e.to.get()]);
         let any = |test: &dyn Fn(&super::graph::GraphEdge, &Node, &Node) -> bool| {
             graph.edges().iter().any(|e| {
                 let (from, to) = ends(e);
@@ -137,7 +142,9 @@ impl<'a> BatchProblem<'a> {
             .map(|e| {
                 let (from, to) = (unknown_of[e.from.get()], unknown_of[e.to.get()]);
                 let pair = match (from, to) {
-                    (Some(a), Some(b)) => hessian.find(a.max(b), a.min(b)).map(|block| (block, a > b)),
+                    (Some(a), Some(b)) => {
+                        hessian.find(a.max(b), a.min(b)).map(|block| (block, a > b))
+                    }
                     _ => None,
                 };
                 Place { from, to, pair }
@@ -166,7 +173,10 @@ impl<'a> BatchProblem<'a> {
                     Some(step) => -step * self.gradient[unknown],
                     None => self.step[unknown],
                 };
-                let (w, delta) = (by.fixed_rows::<3>(0).into_owned(), by.fixed_rows::<3>(3).into_owned());
+                let (w, delta) = (
+                    by.fixed_rows::<3>(0).into_owned(),
+                    by.fixed_rows::<3>(3).into_owned(),
+                );
                 self.trial[index] = self.nodes[index].retract(&w, &delta);
             }
         }
@@ -192,7 +202,11 @@ impl Problem for BatchProblem<'_> {
     }
 
     fn gradient_norm(&self) -> f64 {
-        self.gradient.iter().map(|part| part.norm_squared()).sum::<f64>().sqrt()
+        self.gradient
+            .iter()
+            .map(|part| part.norm_squared())
+            .sum::<f64>()
+            .sqrt()
     }
 
     fn linearise(&mut self) -> f64 {
@@ -200,7 +214,9 @@ impl Problem for BatchProblem<'_> {
         self.hessian.clear();
         let mut cost = 0.0;
         for (e, place) in self.graph.edges().iter().zip(&self.places) {
-            let (normal, part) = e.edge.linearise(&self.nodes[e.from.get()], &self.nodes[e.to.get()]);
+            let (normal, part) = e
+                .edge
+                .linearise(&self.nodes[e.from.get()], &self.nodes[e.to.get()]);
             cost += part;
             if let Some(from) = place.from {
                 *self.hessian.diagonal_mut(from) += normal.from_from;
@@ -211,7 +227,11 @@ impl Problem for BatchProblem<'_> {
                 self.gradient[to] += normal.to;
             }
             if let Some((block, from_is_row)) = place.pair {
-                let with = if from_is_row { normal.from_to } else { normal.from_to.transpose() };
+                let with = if from_is_row {
+                    normal.from_to
+                } else {
+                    normal.from_to.transpose()
+                };
                 *self.hessian.block_mut(block) += with;
             }
         }
@@ -223,9 +243,13 @@ impl Problem for BatchProblem<'_> {
     }
 
     fn try_gauss_newton(&mut self, damping: f64) -> Option<Step> {
-        let trace: f64 = (0..self.gradient.len()).map(|k| self.hessian.diagonal(k).trace()).sum();
+        let trace: f64 = (0..self.gradient.len())
+            .map(|k| self.hessian.diagonal(k).trace())
+            .sum();
         let added = damping * trace / (6.0 * self.gradient.len().max(1) as f64);
-        let cholesky = self.cholesky.get_or_insert_with(|| Cholesky::analyse(&self.hessian));
+        let cholesky = self
+            .cholesky
+            .get_or_insert_with(|| Cholesky::analyse(&self.hessian));
         if !cholesky.factor(&self.hessian, added) {
             self.singular |= damping == 0.0;
             return None;
@@ -241,7 +265,10 @@ impl Problem for BatchProblem<'_> {
         }
         self.move_trial(None);
         // The model falls by -g.s - s.H s / 2, and (H + added I) s = -g.
-        Some(Step { norm: squared.sqrt(), predicted_decrease: 0.5 * (added * squared - along_gradient) })
+        Some(Step {
+            norm: squared.sqrt(),
+            predicted_decrease: 0.5 * (added * squared - along_gradient),
+        })
     }
 
     fn trial_cost(&mut self) -> f64 {

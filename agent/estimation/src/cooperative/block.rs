@@ -24,6 +24,10 @@ pub(crate) struct Factor {
 impl Factor {
     /// Factors `matrix`, of which only the lower triangle is read. Pivots are judged against `diagonal`: the diagonal
     /// of the matrix before anything was eliminated from it.
+    #[expect(
+        clippy::needless_range_loop,
+        reason = "rows and columns, as in the equations"
+    )]
     pub(crate) fn new(matrix: &Matrix6<f64>, diagonal: &Vector6<f64>) -> Option<Self> {
         // Columns as plain arrays: the compiler then sees that no index is out of range.
         let mut lower = matrix.data.0;
@@ -46,10 +50,17 @@ impl Factor {
                 lower[j][i] *= inverse;
             }
         }
-        Some(Self { lower, inverse_diagonal })
+        Some(Self {
+            lower,
+            inverse_diagonal,
+        })
     }
 
     /// Replaces each column `b` of `right` by `L^-1 b`.
+    #[expect(
+        clippy::needless_range_loop,
+        reason = "rows and columns, as in the equations"
+    )]
     pub(crate) fn solve_lower<const C: usize>(&self, right: &mut SMatrix<f64, 6, C>) {
         for column in &mut right.data.0 {
             for k in 0..6 {
@@ -63,6 +74,10 @@ impl Factor {
     }
 
     /// Replaces each column `b` of `right` by `L^-T b`.
+    #[expect(
+        clippy::needless_range_loop,
+        reason = "rows and columns, as in the equations"
+    )]
     pub(crate) fn solve_upper<const C: usize>(&self, right: &mut SMatrix<f64, 6, C>) {
         for column in &mut right.data.0 {
             for k in (0..6).rev() {
@@ -137,7 +152,11 @@ mod tests {
         matrix[(0, 0)] = 4.0;
         matrix[(4, 4)] = 1e-6;
         assert!(Factor::new(&matrix, &matrix.diagonal()).is_none());
-        let (x, unknown) = solve_semidefinite(&matrix, &matrix.diagonal(), &Vector6::new(8.0, 0.0, 0.0, 0.0, 2e-6, 0.0));
+        let (x, unknown) = solve_semidefinite(
+            &matrix,
+            &matrix.diagonal(),
+            &Vector6::new(8.0, 0.0, 0.0, 0.0, 2e-6, 0.0),
+        );
         assert_eq!(unknown, 4);
         assert!((x - Vector6::new(2.0, 0.0, 0.0, 0.0, 2.0, 0.0)).norm() < 1e-12);
     }
@@ -146,6 +165,9 @@ mod tests {
     fn what_is_not_a_number_is_all_unknown_and_stays_finite() {
         let matrix = Matrix6::from_element(f64::NAN);
         assert!(Factor::new(&matrix, &matrix.diagonal()).is_none());
-        assert_eq!(solve_semidefinite(&matrix, &matrix.diagonal(), &Vector6::zeros()), (Vector6::zeros(), 6));
+        assert_eq!(
+            solve_semidefinite(&matrix, &matrix.diagonal(), &Vector6::zeros()),
+            (Vector6::zeros(), 6)
+        );
     }
 }

@@ -18,6 +18,10 @@ pub type Node = Transform<World, Body>;
 
 /// How much an edge counts in the cost.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "edges of one graph are mostly of one weight, and boxing would allocate per measurement"
+)]
 pub enum Weight {
     /// One per squared radian and squared metre, as in the paper.
     Unit,
@@ -36,7 +40,9 @@ impl Weight {
         match self {
             Self::Unit => Ok(()),
             Self::Noise(noise) => noise.check(kind),
-            Self::Information(_) if kind != Kind::Pose => Err(Refusal::WeightOfAnotherKind { kind }),
+            Self::Information(_) if kind != Kind::Pose => {
+                Err(Refusal::WeightOfAnotherKind { kind })
+            }
             Self::Information(matrix) => check_information(matrix),
         }
     }
@@ -52,7 +58,11 @@ fn check_information(matrix: &Matrix6<f64>) -> Result<(), Refusal> {
         return Err(Refusal::BadWeight);
     }
     let smallest = matrix.symmetric_eigenvalues().min();
-    if smallest < -1e-9 * size { Err(Refusal::BadWeight) } else { Ok(()) }
+    if smallest < -1e-9 * size {
+        Err(Refusal::BadWeight)
+    } else {
+        Ok(())
+    }
 }
 
 /// One measurement between two nodes.
@@ -86,7 +96,12 @@ impl Edge {
     /// # Errors
     /// [`Refusal`] when the weight cannot be one of this measurement.
     pub fn new(measurement: Measurement, weight: Weight) -> Result<Self, Refusal> {
-        Self::with_offsets(measurement, weight, Transform::identity(), Transform::identity())
+        Self::with_offsets(
+            measurement,
+            weight,
+            Transform::identity(),
+            Transform::identity(),
+        )
     }
 
     /// An edge whose ends are `T O`, `O` being `body_from_sensor` of each end (motion since the round included).
@@ -100,7 +115,12 @@ impl Edge {
         to_offset: Transform<Body, Sensor>,
     ) -> Result<Self, Refusal> {
         weight.check(measurement.kind())?;
-        Ok(Self { measurement, weight, from_offset: Offset::new(from_offset)?, to_offset: Offset::new(to_offset)? })
+        Ok(Self {
+            measurement,
+            weight,
+            from_offset: Offset::new(from_offset)?,
+            to_offset: Offset::new(to_offset)?,
+        })
     }
 
     /// What was measured.
@@ -144,9 +164,15 @@ impl Edge {
                 weight.of_rotation() * pose.orientation().cost(&from, &to)
                     + weight.of_translation() * pose.position().cost(&from, &to)
             }
-            (weight, Measurement::Orientation(orientation)) => weight.of_rotation() * orientation.cost(&from, &to),
-            (weight, Measurement::Position(position)) => weight.of_translation() * position.cost(&from, &to),
-            (weight, Measurement::Distance(distance)) => weight.of_translation() * distance.cost(&from, &to),
+            (weight, Measurement::Orientation(orientation)) => {
+                weight.of_rotation() * orientation.cost(&from, &to)
+            }
+            (weight, Measurement::Position(position)) => {
+                weight.of_translation() * position.cost(&from, &to)
+            }
+            (weight, Measurement::Distance(distance)) => {
+                weight.of_translation() * distance.cost(&from, &to)
+            }
         }
     }
 
@@ -159,12 +185,19 @@ impl Edge {
             (Weight::Information(information), Measurement::Pose(pose)) => {
                 let Jacobian { from, to } = pose.twist_jacobian(&ends.0, &ends.1);
                 let weighted = 2.0 * (information * pose.twist_residual(&ends.0, &ends.1));
-                Gradient { from: from.tr_mul(&weighted), to: to.tr_mul(&weighted) }
+                Gradient {
+                    from: from.tr_mul(&weighted),
+                    to: to.tr_mul(&weighted),
+                }
             }
             (weight, Measurement::Bearing(bearing)) => {
                 let Jacobian { from, to } = bearing.jacobian_on_sphere(&ends.0, &ends.1);
-                let weighted = 2.0 * weight.of_rotation() * bearing.residual_on_sphere(&ends.0, &ends.1);
-                Gradient { from: from.tr_mul(&weighted), to: to.tr_mul(&weighted) }
+                let weighted =
+                    2.0 * weight.of_rotation() * bearing.residual_on_sphere(&ends.0, &ends.1);
+                Gradient {
+                    from: from.tr_mul(&weighted),
+                    to: to.tr_mul(&weighted),
+                }
             }
             (weight, Measurement::Pose(pose)) => {
                 let turn = pose.orientation().gradient(&ends.0, &ends.1);
@@ -175,10 +208,12 @@ impl Edge {
                     to: turns * turn.to + shifts * shift.to,
                 }
             }
-            (weight, Measurement::Orientation(orientation)) => {
-                orientation.gradient(&ends.0, &ends.1).times(weight.of_rotation())
-            }
-            (weight, measurement) => measurement.gradient(&ends.0, &ends.1).times(weight.of_translation()),
+            (weight, Measurement::Orientation(orientation)) => orientation
+                .gradient(&ends.0, &ends.1)
+                .times(weight.of_rotation()),
+            (weight, measurement) => measurement
+                .gradient(&ends.0, &ends.1)
+                .times(weight.of_translation()),
         };
         Gradient {
             from: self.from_offset.pull_back(from, &at_ends.from),
@@ -195,7 +230,12 @@ impl Edge {
     }
 
     /// Adds what [`Edge::linearise`] gives to running sums; gives the weighted `g_e`.
-    pub(crate) fn add_linearised(&self, from_node: &Node, to_node: &Node, normal: &mut Sums<'_>) -> f64 {
+    pub(crate) fn add_linearised(
+        &self,
+        from_node: &Node,
+        to_node: &Node,
+        normal: &mut Sums<'_>,
+    ) -> f64 {
         match (&self.weight, &self.measurement) {
             (Weight::Information(information), Measurement::Pose(pose)) => {
                 let (from, to) = (self.from_offset.end(from_node), self.to_offset.end(to_node));
@@ -207,31 +247,79 @@ impl Edge {
                 residual.dot(&(information * residual))
             }
             (weight, Measurement::Pose(pose)) => {
-                let from_from_to = (from_node.rotation.inverse() * to_node.rotation).to_rotation_matrix().into_inner();
-                self.add_turn(weight.of_rotation(), pose.orientation(), from_node, to_node, &from_from_to, normal)
-                    + self.add_shift(weight.of_translation(), pose.position(), from_node, to_node, &from_from_to, normal)
+                let from_from_to = (from_node.rotation.inverse() * to_node.rotation)
+                    .to_rotation_matrix()
+                    .into_inner();
+                self.add_turn(
+                    weight.of_rotation(),
+                    pose.orientation(),
+                    from_node,
+                    to_node,
+                    &from_from_to,
+                    normal,
+                ) + self.add_shift(
+                    weight.of_translation(),
+                    pose.position(),
+                    from_node,
+                    to_node,
+                    &from_from_to,
+                    normal,
+                )
             }
             (weight, Measurement::Orientation(orientation)) => {
-                let from_from_to = (from_node.rotation.inverse() * to_node.rotation).to_rotation_matrix().into_inner();
-                self.add_turn(weight.of_rotation(), orientation, from_node, to_node, &from_from_to, normal)
+                let from_from_to = (from_node.rotation.inverse() * to_node.rotation)
+                    .to_rotation_matrix()
+                    .into_inner();
+                self.add_turn(
+                    weight.of_rotation(),
+                    orientation,
+                    from_node,
+                    to_node,
+                    &from_from_to,
+                    normal,
+                )
             }
             (weight, Measurement::Position(position)) => {
-                let from_from_to = (from_node.rotation.inverse() * to_node.rotation).to_rotation_matrix().into_inner();
-                self.add_shift(weight.of_translation(), position, from_node, to_node, &from_from_to, normal)
+                let from_from_to = (from_node.rotation.inverse() * to_node.rotation)
+                    .to_rotation_matrix()
+                    .into_inner();
+                self.add_shift(
+                    weight.of_translation(),
+                    position,
+                    from_node,
+                    to_node,
+                    &from_from_to,
+                    normal,
+                )
             }
             (weight, Measurement::Bearing(bearing)) => {
                 let (from, to) = (self.from_offset.end(from_node), self.to_offset.end(to_node));
                 let (residual, by_turn, by_delta) = match weight {
                     Weight::Unit => bearing.linearised(&from, &to),
-                    Weight::Noise(_) | Weight::Information(_) => bearing.linearised_on_sphere(&from, &to),
+                    Weight::Noise(_) | Weight::Information(_) => {
+                        bearing.linearised_on_sphere(&from, &to)
+                    }
                 };
-                normal.add_difference(weight.of_rotation(), &residual, &self.shifted(from_node, to_node, by_turn, by_delta))
+                normal.add_difference(
+                    weight.of_rotation(),
+                    &residual,
+                    &self.shifted(from_node, to_node, by_turn, by_delta),
+                )
             }
             (weight, Measurement::Distance(distance)) => {
                 let (from, to) = (self.from_offset.end(from_node), self.to_offset.end(to_node));
                 let (residual, u) = distance.linearised(&from, &to);
-                let shift = self.shifted(from_node, to_node, SMatrix::<f64, 1, 3>::zeros(), u.transpose());
-                normal.add_difference(weight.of_translation(), &SMatrix::<f64, 1, 1>::new(residual), &shift)
+                let shift = self.shifted(
+                    from_node,
+                    to_node,
+                    SMatrix::<f64, 1, 3>::zeros(),
+                    u.transpose(),
+                );
+                normal.add_difference(
+                    weight.of_translation(),
+                    &SMatrix::<f64, 1, 1>::new(residual),
+                    &shift,
+                )
             }
         }
     }
@@ -253,12 +341,20 @@ impl Edge {
         let psi = if from_offset.is_identity && to_offset.is_identity {
             so3::log(&(orientation.rotation().inverse() * relative))
         } else {
-            let ends = from_offset.transform.rotation.inverse() * relative * to_offset.transform.rotation;
-            to_offset.sensor_from_body.tr_mul(&so3::log(&(orientation.rotation().inverse() * ends)))
+            let ends =
+                from_offset.transform.rotation.inverse() * relative * to_offset.transform.rotation;
+            to_offset
+                .sensor_from_body
+                .tr_mul(&so3::log(&(orientation.rotation().inverse() * ends)))
         };
         let in_from = from_from_to * psi;
         let to_to = so3::right_jacobian_inverse_gram(&psi) * weight;
-        add_block(normal.from_from, 0, 0, &(so3::right_jacobian_inverse_gram(&in_from) * weight));
+        add_block(
+            normal.from_from,
+            0,
+            0,
+            &(so3::right_jacobian_inverse_gram(&in_from) * weight),
+        );
         normal.add_pair(0, 0, &-(from_from_to * to_to));
         add_block(normal.to_to, 0, 0, &to_to);
         add_rows(normal.from, 0, &(-weight * in_from));
@@ -283,7 +379,9 @@ impl Edge {
         let seen = if self.from_offset.is_identity {
             position.vector()
         } else {
-            self.from_offset.transform.transform_point(&position.vector())
+            self.from_offset
+                .transform
+                .transform_point(&position.vector())
         };
         let world_from_from = from.rotation.to_rotation_matrix().into_inner();
         let c = world_from_from.tr_mul(&(to.translation - from.translation)) + from_from_to * a;
@@ -339,7 +437,8 @@ impl Edge {
     #[must_use]
     pub fn sigmas_apart(&self, noise: &Noise, other: &Self, other_noise: &Noise) -> f64 {
         if self.from_offset == other.from_offset && self.to_offset == other.to_offset {
-            self.measurement.sigmas_apart(noise, &other.measurement, other_noise)
+            self.measurement
+                .sigmas_apart(noise, &other.measurement, other_noise)
         } else {
             0.0
         }
@@ -362,7 +461,10 @@ impl Edge {
             Measurement::Orientation(orientation) => orientation,
             _ => return false,
         };
-        let (from, to) = (from.rotation * self.from_offset.transform.rotation, to.rotation * self.to_offset.transform.rotation);
+        let (from, to) = (
+            from.rotation * self.from_offset.transform.rotation,
+            to.rotation * self.to_offset.transform.rotation,
+        );
         let disagreement = orientation.rotation().inverse() * (from.inverse() * to);
         // The scalar part is cos(angle/2), about half of what is missing to pi.
         disagreement.w.abs() < 0.5e-6
@@ -387,7 +489,10 @@ impl Weight {
 
 impl Gradient {
     fn times(self, factor: f64) -> Self {
-        Self { from: factor * self.from, to: factor * self.to }
+        Self {
+            from: factor * self.from,
+            to: factor * self.to,
+        }
     }
 }
 
@@ -402,17 +507,27 @@ struct Offset {
 impl Offset {
     fn new(transform: Transform<Body, Sensor>) -> Result<Self, Refusal> {
         if !transform.is_valid() {
-            return Err(Refusal::NotFinite { what: "the end offset" });
+            return Err(Refusal::NotFinite {
+                what: "the end offset",
+            });
         }
         Ok(Self {
-            sensor_from_body: transform.rotation.inverse().to_rotation_matrix().into_inner(),
+            sensor_from_body: transform
+                .rotation
+                .inverse()
+                .to_rotation_matrix()
+                .into_inner(),
             is_identity: transform == Transform::identity(),
             transform,
         })
     }
 
     fn end(&self, node: &Node) -> End {
-        if self.is_identity { node.reframe() } else { *node * self.transform }
+        if self.is_identity {
+            node.reframe()
+        } else {
+            *node * self.transform
+        }
     }
 
     /// `-R [t_o]x`: how a turn of the node moves the end.
@@ -449,7 +564,8 @@ fn through(by_end: &Matrix6<f64>, offset: &Offset, node: &Node) -> Matrix6<f64> 
     if offset.is_identity {
         return *by_end;
     }
-    let turn = by_end.fixed_columns::<3>(0) * offset.sensor_from_body + by_end.fixed_columns::<3>(3) * offset.lever(node);
+    let turn = by_end.fixed_columns::<3>(0) * offset.sensor_from_body
+        + by_end.fixed_columns::<3>(3) * offset.lever(node);
     let mut by_node = *by_end;
     by_node.fixed_columns_mut::<3>(0).copy_from(&turn);
     by_node
@@ -500,7 +616,12 @@ impl Sums<'_> {
     }
 
     /// Adds a residual that depends on the difference of the end positions; gives its weighted square.
-    fn add_difference<const D: usize>(&mut self, weight: f64, residual: &SMatrix<f64, D, 1>, by: &Shift<D>) -> f64 {
+    fn add_difference<const D: usize>(
+        &mut self,
+        weight: f64,
+        residual: &SMatrix<f64, D, 1>,
+        by: &Shift<D>,
+    ) -> f64 {
         let turn = by.by_from_turn.transpose() * weight;
         let delta = by.by_from_delta.transpose() * weight;
         let turn_turn = turn * by.by_from_turn;
@@ -540,7 +661,11 @@ impl Sums<'_> {
         let from = by_from.transpose() * information;
         let to = by_to.transpose() * information;
         *self.from_from += from * by_from;
-        *self.pair += if self.pair_is_to_from { to * by_from } else { from * by_to };
+        *self.pair += if self.pair_is_to_from {
+            to * by_from
+        } else {
+            from * by_to
+        };
         *self.to_to += to * by_to;
         *self.from += from * residual;
         *self.to += to * residual;

@@ -63,7 +63,12 @@ impl Graph {
     /// The reference alone.
     #[must_use]
     pub fn new() -> Self {
-        Self { nodes: vec![Transform::identity()], held: vec![true], edges: Vec::new(), stated: BTreeMap::new() }
+        Self {
+            nodes: vec![Transform::identity()],
+            held: vec![true],
+            edges: Vec::new(),
+            stated: BTreeMap::new(),
+        }
     }
 
     /// Adds a node with its initial pose.
@@ -72,10 +77,15 @@ impl Graph {
     /// [`Refusal`] when the pose is none or there are [`MAX_NODES`] already.
     pub fn add_node(&mut self, world_from_body: Node) -> Result<NodeIndex, Refusal> {
         if !world_from_body.is_valid() {
-            return Err(Refusal::NotFinite { what: "the initial pose" });
+            return Err(Refusal::NotFinite {
+                what: "the initial pose",
+            });
         }
         if self.nodes.len() == MAX_NODES {
-            return Err(Refusal::Full { what: "nodes", limit: MAX_NODES });
+            return Err(Refusal::Full {
+                what: "nodes",
+                limit: MAX_NODES,
+            });
         }
         self.nodes.push(world_from_body);
         self.held.push(false);
@@ -104,11 +114,17 @@ impl Graph {
             return Err(Refusal::SameNode);
         }
         if self.edges.len() == MAX_EDGES {
-            return Err(Refusal::Full { what: "measurements", limit: MAX_EDGES });
+            return Err(Refusal::Full {
+                what: "measurements",
+                limit: MAX_EDGES,
+            });
         }
         self.check_contradiction(from, to, &edge)?;
         if matches!(edge.weight(), Weight::Noise(_)) {
-            self.stated.entry((from, to)).or_default().push(self.edges.len());
+            self.stated
+                .entry((from, to))
+                .or_default()
+                .push(self.edges.len());
         }
         self.edges.push(GraphEdge { from, to, edge });
         Ok(())
@@ -126,7 +142,8 @@ impl Graph {
         weight: Weight,
         body_from_sensor: Transform<Body, Sensor>,
     ) -> Result<(), Refusal> {
-        let edge = Edge::with_offsets(measurement, weight, Transform::identity(), body_from_sensor)?;
+        let edge =
+            Edge::with_offsets(measurement, weight, Transform::identity(), body_from_sensor)?;
         self.add_edge(NodeIndex::REFERENCE, node, edge)
     }
 
@@ -170,7 +187,11 @@ impl Graph {
     }
 
     pub(crate) fn cost_at(&self, nodes: &[Node]) -> f64 {
-        let sum: f64 = self.edges.iter().map(|e| e.edge.cost(&nodes[e.from.0], &nodes[e.to.0])).sum();
+        let sum: f64 = self
+            .edges
+            .iter()
+            .map(|e| e.edge.cost(&nodes[e.from.0], &nodes[e.to.0]))
+            .sum();
         0.5 * sum
     }
 
@@ -180,18 +201,34 @@ impl Graph {
     }
 
     fn check_node(&self, node: NodeIndex) -> Result<(), Refusal> {
-        if node.0 < self.nodes.len() { Ok(()) } else { Err(Refusal::UnknownNode { index: node.0 }) }
+        if node.0 < self.nodes.len() {
+            Ok(())
+        } else {
+            Err(Refusal::UnknownNode { index: node.0 })
+        }
     }
 
     /// Only edges with stated noise can be said to exclude each other.
-    fn check_contradiction(&self, from: NodeIndex, to: NodeIndex, edge: &Edge) -> Result<(), Refusal> {
-        let Weight::Noise(noise) = edge.weight() else { return Ok(()) };
+    fn check_contradiction(
+        &self,
+        from: NodeIndex,
+        to: NodeIndex,
+        edge: &Edge,
+    ) -> Result<(), Refusal> {
+        let Weight::Noise(noise) = edge.weight() else {
+            return Ok(());
+        };
         let before = self.stated.get(&(from, to)).into_iter().flatten().rev();
         for present in before.take(COMPARED_MAX).map(|&index| &self.edges[index]) {
-            let Weight::Noise(other) = present.edge.weight() else { continue };
+            let Weight::Noise(other) = present.edge.weight() else {
+                continue;
+            };
             let sigmas = edge.sigmas_apart(noise, &present.edge, other);
             if sigmas > CONTRADICTION_SIGMAS {
-                return Err(Refusal::Contradicts { kind: edge.measurement().kind(), sigmas });
+                return Err(Refusal::Contradicts {
+                    kind: edge.measurement().kind(),
+                    sigmas,
+                });
             }
         }
         Ok(())

@@ -187,11 +187,16 @@ impl Measurement {
         match (self, other) {
             (Self::Pose(a), Self::Pose(b)) => {
                 let turned = a.relative().rotation.angle_to(&b.relative().rotation) / rotation;
-                let moved = (a.relative().translation - b.relative().translation).norm() / translation;
+                let moved =
+                    (a.relative().translation - b.relative().translation).norm() / translation;
                 turned.max(moved)
             }
-            (Self::Orientation(a), Self::Orientation(b)) => a.rotation().angle_to(&b.rotation()) / rotation,
-            (Self::Position(a), Self::Position(b)) => (a.vector() - b.vector()).norm() / translation,
+            (Self::Orientation(a), Self::Orientation(b)) => {
+                a.rotation().angle_to(&b.rotation()) / rotation
+            }
+            (Self::Position(a), Self::Position(b)) => {
+                (a.vector() - b.vector()).norm() / translation
+            }
             (Self::Bearing(a), Self::Bearing(b)) => {
                 let cross = a.direction().cross(&b.direction()).norm();
                 cross.atan2(a.direction().dot(&b.direction())) / rotation
@@ -214,7 +219,10 @@ pub struct Noise {
 
 impl Noise {
     /// One radian, one metre: the noise that amounts to the paper's weight of one.
-    pub const UNIT: Self = Self { rotation_rad: 1.0, translation: 1.0 };
+    pub const UNIT: Self = Self {
+        rotation_rad: 1.0,
+        translation: 1.0,
+    };
 
     /// Checks the numbers that `kind` uses.
     ///
@@ -227,7 +235,11 @@ impl Noise {
             Kind::Orientation | Kind::Bearing => good(self.rotation_rad),
             Kind::Position | Kind::Distance => good(self.translation),
         };
-        if enough { Ok(()) } else { Err(Refusal::BadNoise { kind }) }
+        if enough {
+            Ok(())
+        } else {
+            Err(Refusal::BadNoise { kind })
+        }
     }
 }
 
@@ -239,28 +251,49 @@ fn rotation_between(a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>) -> Vector3
 /// `(rho, u)`: distance and unit direction of `d`, the direction zero where it is undefined.
 fn range_and_direction(d: &Vector3<f64>) -> (f64, Vector3<f64>) {
     let rho = d.norm();
-    let u = if rho < COINCIDENT_BELOW_M { Vector3::zeros() } else { d / rho };
+    let u = if rho < COINCIDENT_BELOW_M {
+        Vector3::zeros()
+    } else {
+        d / rho
+    };
     (rho, u)
 }
 
 fn check_rotation(rotation: &UnitQuaternion<f64>) -> Result<UnitQuaternion<f64>, Refusal> {
     let norm = rotation.norm();
     if !norm.is_finite() {
-        return Err(Refusal::NotFinite { what: "the rotation" });
+        return Err(Refusal::NotFinite {
+            what: "the rotation",
+        });
     }
     if (norm - 1.0).abs() > UNIT_TOLERANCE {
-        return Err(Refusal::NotUnit { what: "the rotation", norm });
+        return Err(Refusal::NotUnit {
+            what: "the rotation",
+            norm,
+        });
     }
     Ok(UnitQuaternion::new_normalize(rotation.into_inner()))
 }
 
 fn check_vector(vector: &Vector3<f64>, what: &'static str) -> Result<(), Refusal> {
-    if vector.iter().all(|number| number.is_finite()) { Ok(()) } else { Err(Refusal::NotFinite { what }) }
+    if vector.iter().all(|number| number.is_finite()) {
+        Ok(())
+    } else {
+        Err(Refusal::NotFinite { what })
+    }
 }
 
 fn check_range(metres: f64, what: &'static str) -> Result<(), Refusal> {
     // Not `metres > limit`: a sum of squares that overflowed must be refused too.
-    if metres <= RANGE_LIMIT_M { Ok(()) } else { Err(Refusal::TooFar { what, metres, limit_m: RANGE_LIMIT_M }) }
+    if metres <= RANGE_LIMIT_M {
+        Ok(())
+    } else {
+        Err(Refusal::TooFar {
+            what,
+            metres,
+            limit_m: RANGE_LIMIT_M,
+        })
+    }
 }
 
 #[cfg(test)]

@@ -71,8 +71,14 @@ impl Optimiser {
     #[must_use]
     pub const fn with_iterations_max(self, iterations_max: usize) -> Self {
         match self {
-            Self::GaussNewton(settings) => Self::GaussNewton(GaussNewton { iterations_max, ..settings }),
-            Self::Descent(settings) => Self::Descent(Descent { iterations_max, ..settings }),
+            Self::GaussNewton(settings) => Self::GaussNewton(GaussNewton {
+                iterations_max,
+                ..settings
+            }),
+            Self::Descent(settings) => Self::Descent(Descent {
+                iterations_max,
+                ..settings
+            }),
         }
     }
 
@@ -130,7 +136,10 @@ impl SolveStatus {
     /// True when the pose is a minimum of the cost, as far as the geometry determines one.
     #[must_use]
     pub const fn is_settled(&self) -> bool {
-        matches!(self, Self::Converged | Self::Stalled | Self::Degenerate(_) | Self::NothingMeasured)
+        matches!(
+            self,
+            Self::Converged | Self::Stalled | Self::Degenerate(_) | Self::NothingMeasured
+        )
     }
 }
 

@@ -51,7 +51,9 @@ pub enum Refusal {
         kind: Kind,
     },
     /// Another measurement of this kind, between the same ends at the same time, excludes this one.
-    #[error("contradicts the {kind} already measured on this edge: they differ by {sigmas:.0} standard deviations")]
+    #[error(
+        "contradicts the {kind} already measured on this edge: they differ by {sigmas:.0} standard deviations"
+    )]
     Contradicts {
         /// The kind of measurement.
         kind: Kind,

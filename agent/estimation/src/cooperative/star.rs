@@ -40,13 +40,23 @@ pub struct AnchorWeight {
 
 impl AnchorWeight {
     /// The paper's: one.
-    pub const UNIT: Self = Self { rotation: 1.0, translation: 1.0 };
+    pub const UNIT: Self = Self {
+        rotation: 1.0,
+        translation: 1.0,
+    };
     /// None at all: the prior is only where the search begins.
-    pub const NONE: Self = Self { rotation: 0.0, translation: 0.0 };
+    pub const NONE: Self = Self {
+        rotation: 0.0,
+        translation: 0.0,
+    };
 
     fn check(self) -> Result<Self, Refusal> {
         let good = |weight: f64| weight.is_finite() && weight >= 0.0;
-        if good(self.rotation) && good(self.translation) { Ok(self) } else { Err(Refusal::BadWeight) }
+        if good(self.rotation) && good(self.translation) {
+            Ok(self)
+        } else {
+            Err(Refusal::BadWeight)
+        }
     }
 }
 
@@ -132,14 +142,19 @@ impl StarWorkspace {
     /// Room for [`MAX_NEIGHBOURS`].
     #[must_use]
     pub fn new() -> Self {
-        Self { neighbours: Vec::with_capacity(MAX_NEIGHBOURS) }
+        Self {
+            neighbours: Vec::with_capacity(MAX_NEIGHBOURS),
+        }
     }
 
     /// What the last solved star holds of a neighbour's pose: good for telling where it is relative to the centre, never
     /// for telling the neighbour where it is.
     #[must_use]
     pub fn neighbour(&self, index: NeighbourIndex) -> Option<Node> {
-        self.neighbours.get(index.0).map(|spoke| spoke.pose).filter(Node::is_valid)
+        self.neighbours
+            .get(index.0)
+            .map(|spoke| spoke.pose)
+            .filter(Node::is_valid)
     }
 }
 
@@ -212,7 +227,10 @@ impl Star {
         weight: AnchorWeight,
     ) -> Result<NeighbourIndex, Refusal> {
         if self.neighbours.len() == MAX_NEIGHBOURS {
-            return Err(Refusal::Full { what: "neighbours", limit: MAX_NEIGHBOURS });
+            return Err(Refusal::Full {
+                what: "neighbours",
+                limit: MAX_NEIGHBOURS,
+            });
         }
         self.neighbours.push(Anchor::new(world_from_body, weight)?);
         Ok(NeighbourIndex(self.neighbours.len() - 1))
@@ -232,7 +250,13 @@ impl Star {
         own_end: Transform<Body, Sensor>,
         their_end: Transform<Body, Sensor>,
     ) -> Result<(), Refusal> {
-        self.add(Other::Measured(neighbour.0), measurement, noise, own_end, their_end)
+        self.add(
+            Other::Measured(neighbour.0),
+            measurement,
+            noise,
+            own_end,
+            their_end,
+        )
     }
 
     /// Adds what a neighbour measured of the centre.
@@ -247,7 +271,13 @@ impl Star {
         own_end: Transform<Body, Sensor>,
         their_end: Transform<Body, Sensor>,
     ) -> Result<(), Refusal> {
-        self.add(Other::Measuring(neighbour.0), measurement, noise, their_end, own_end)
+        self.add(
+            Other::Measuring(neighbour.0),
+            measurement,
+            noise,
+            their_end,
+            own_end,
+        )
     }
 
     /// Adds an absolute fix of the centre: what node 0, the world's origin, measures of it. A position fix is the
@@ -255,8 +285,19 @@ impl Star {
     ///
     /// # Errors
     /// As [`Star::measured_by_me`].
-    pub fn fix(&mut self, measurement: Measurement, noise: Noise, own_end: Transform<Body, Sensor>) -> Result<(), Refusal> {
-        self.add(Other::Reference, measurement, noise, Transform::identity(), own_end)
+    pub fn fix(
+        &mut self,
+        measurement: Measurement,
+        noise: Noise,
+        own_end: Transform<Body, Sensor>,
+    ) -> Result<(), Refusal> {
+        self.add(
+            Other::Reference,
+            measurement,
+            noise,
+            Transform::identity(),
+            own_end,
+        )
     }
 
     fn add(
@@ -273,7 +314,10 @@ impl Star {
             return Err(Refusal::UnknownNode { index });
         }
         if self.edges.len() == MAX_EDGES {
-            return Err(Refusal::Full { what: "measurements", limit: MAX_EDGES });
+            return Err(Refusal::Full {
+                what: "measurements",
+                limit: MAX_EDGES,
+            });
         }
         noise.check(measurement.kind())?;
         let weight = match self.mode {
@@ -283,7 +327,10 @@ impl Star {
         for present in self.edges.iter().filter(|present| present.other == other) {
             let sigmas = edge.sigmas_apart(&noise, &present.edge, &present.noise);
             if sigmas > CONTRADICTION_SIGMAS {
-                return Err(Refusal::Contradicts { kind: measurement.kind(), sigmas });
+                return Err(Refusal::Contradicts {
+                    kind: measurement.kind(),
+                    sigmas,
+                });
             }
         }
         self.edges.push(StarEdge { edge, noise, other });
@@ -341,7 +388,10 @@ impl Anchor {
         if !prior.is_valid() {
             return Err(Refusal::NotFinite { what: "the prior" });
         }
-        Ok(Self { prior, weight: weight.check()? })
+        Ok(Self {
+            prior,
+            weight: weight.check()?,
+        })
     }
 
     fn turn(&self, node: &Node) -> Vector3<f64> {
@@ -368,7 +418,11 @@ impl Anchor {
         let turns = so3::right_jacobian_inverse_gram(&turn) * self.weight.rotation;
         hessian.fixed_view_mut::<3, 3>(0, 0).copy_from(&turns);
         let (w, delta) = (self.weight.rotation * turn, self.weight.translation * shift);
-        (hessian, Vector6::new(w.x, w.y, w.z, delta.x, delta.y, delta.z), turn.dot(&w) + shift.dot(&delta))
+        (
+            hessian,
+            Vector6::new(w.x, w.y, w.z, delta.x, delta.y, delta.z),
+            turn.dot(&w) + shift.dot(&delta),
+        )
     }
 }
 
@@ -386,6 +440,10 @@ struct Spoke {
 
 /// What elimination leaves to find the neighbour's step once the centre's is known.
 #[derive(Debug, Clone, Copy)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "the larger variant is the rule, and boxing would allocate in every step"
+)]
 enum Eliminated {
     /// Factor `L`, and `L^-1 [H_jc | g_j]`.
     Definite(Factor, SMatrix<f64, 6, 7>),
@@ -471,7 +529,9 @@ impl<'a> StarProblem<'a> {
                 own[(i, i)] += added;
             }
             let mut columns = SMatrix::<f64, 6, 7>::zeros();
-            columns.fixed_columns_mut::<6>(0).copy_from(&spoke.with_centre);
+            columns
+                .fixed_columns_mut::<6>(0)
+                .copy_from(&spoke.with_centre);
             columns.set_column(6, &spoke.gradient);
             spoke.eliminated = match Factor::new(&own, &own.diagonal()) {
                 Some(factor) => {
@@ -521,7 +581,11 @@ impl Problem for StarProblem<'_> {
     }
 
     fn gradient_norm(&self) -> f64 {
-        let spokes: f64 = self.spokes.iter().map(|spoke| spoke.gradient.norm_squared()).sum();
+        let spokes: f64 = self
+            .spokes
+            .iter()
+            .map(|spoke| spoke.gradient.norm_squared())
+            .sum();
         (self.gradient.norm_squared() + spokes).sqrt()
     }
 
@@ -569,7 +633,11 @@ impl Problem for StarProblem<'_> {
                 }
                 Other::Reference => {
                     let mut dropped = Normal::zero();
-                    let sums = Sums { to_to: &mut self.hessian, to: &mut self.gradient, ..dropped.sums() };
+                    let sums = Sums {
+                        to_to: &mut self.hessian,
+                        to: &mut self.gradient,
+                        ..dropped.sums()
+                    };
                     edge.add_linearised(&from, &to, &mut { sums })
                 }
             };
@@ -587,7 +655,12 @@ impl Problem for StarProblem<'_> {
     /// Singular equations are solved for the smallest step, so the prior stays where nothing is known.
     fn try_gauss_newton(&mut self, damping: f64) -> Option<Step> {
         let nodes = 1.0 + self.spokes.len() as f64;
-        let trace = self.hessian.trace() + self.spokes.iter().map(|spoke| spoke.hessian.trace()).sum::<f64>();
+        let trace = self.hessian.trace()
+            + self
+                .spokes
+                .iter()
+                .map(|spoke| spoke.hessian.trace())
+                .sum::<f64>();
         let added = damping * trace / (6.0 * nodes);
         let diagonal = self.hessian.diagonal().add_scalar(added);
         let (reduced, right) = self.reduce(added);
@@ -612,14 +685,19 @@ impl Problem for StarProblem<'_> {
                     factor.solve_upper(&mut step);
                     step
                 }
-                Eliminated::Semidefinite(solved) => -(solved.fixed_columns::<6>(0) * centre + solved.column(6)),
+                Eliminated::Semidefinite(solved) => {
+                    -(solved.fixed_columns::<6>(0) * centre + solved.column(6))
+                }
             };
             spoke.trial = moved(&spoke.pose, &step);
             along_gradient += spoke.gradient.dot(&step);
             squared += step.norm_squared();
         }
         // The model falls by -g.s - s.H s / 2, and (H + added I) s = -g.
-        Some(Step { norm: squared.sqrt(), predicted_decrease: 0.5 * (added * squared - along_gradient) })
+        Some(Step {
+            norm: squared.sqrt(),
+            predicted_decrease: 0.5 * (added * squared - along_gradient),
+        })
     }
 
     fn trial_cost(&mut self) -> f64 {
@@ -655,7 +733,10 @@ impl Problem for StarProblem<'_> {
 }
 
 fn moved(node: &Node, step: &Vector6<f64>) -> Node {
-    node.retract(&step.fixed_rows::<3>(0).into_owned(), &step.fixed_rows::<3>(3).into_owned())
+    node.retract(
+        &step.fixed_rows::<3>(0).into_owned(),
+        &step.fixed_rows::<3>(3).into_owned(),
+    )
 }
 
 #[cfg(test)]

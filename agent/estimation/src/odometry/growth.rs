@@ -25,12 +25,22 @@ pub struct Growth {
 impl Growth {
     /// No motion, no covariance.
     pub fn zero() -> Self {
-        Self { rotation: 0.0, lever: Vector3::zeros(), lever_square: Matrix3::zeros(), translation: 0.0 }
+        Self {
+            rotation: 0.0,
+            lever: Vector3::zeros(),
+            lever_square: Matrix3::zeros(),
+            translation: 0.0,
+        }
     }
 
     /// After one more increment that ends at `position` (m, odometry frame) with these standard deviations per axis.
     #[must_use]
-    pub fn after(&self, position: &Vector3<f64>, rotation_sigma_rad: f64, translation_sigma_m: f64) -> Self {
+    pub fn after(
+        &self,
+        position: &Vector3<f64>,
+        rotation_sigma_rad: f64,
+        translation_sigma_m: f64,
+    ) -> Self {
         let variance = rotation_sigma_rad * rotation_sigma_rad;
         Self {
             rotation: self.rotation + variance,
@@ -57,11 +67,15 @@ impl Growth {
     pub fn covariance(&self) -> Matrix6<f64> {
         let mut covariance = Matrix6::zeros();
         let cross = so3::hat(&self.lever);
-        let spread =
-            Matrix3::identity() * (self.lever_square.trace() + self.translation) - self.lever_square;
-        covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&(Matrix3::identity() * self.rotation));
+        let spread = Matrix3::identity() * (self.lever_square.trace() + self.translation)
+            - self.lever_square;
+        covariance
+            .fixed_view_mut::<3, 3>(0, 0)
+            .copy_from(&(Matrix3::identity() * self.rotation));
         covariance.fixed_view_mut::<3, 3>(3, 0).copy_from(&cross);
-        covariance.fixed_view_mut::<3, 3>(0, 3).copy_from(&cross.transpose());
+        covariance
+            .fixed_view_mut::<3, 3>(0, 3)
+            .copy_from(&cross.transpose());
         covariance.fixed_view_mut::<3, 3>(3, 3).copy_from(&spread);
         covariance
     }
@@ -93,7 +107,8 @@ mod tests {
 
     #[test]
     fn eleven_numbers_say_what_the_sum_of_adjoints_says() {
-        let step = Transform::<Body, Body>::from_rotation_vector([0.1, -0.2, 0.3, 1.0, 0.2, -0.1]).unwrap();
+        let step = Transform::<Body, Body>::from_rotation_vector([0.1, -0.2, 0.3, 1.0, 0.2, -0.1])
+            .unwrap();
         let mut pose = Transform::<Odometry, Body>::identity();
         let (mut growth, mut reference) = (Growth::zero(), Matrix6::zeros());
         for sigma in [(0.02, 0.001), (0.05, 0.3), (0.01, 0.2)] {
@@ -103,7 +118,9 @@ mod tests {
             let mut adjoint = Matrix6::zeros();
             adjoint.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);
             adjoint.fixed_view_mut::<3, 3>(3, 3).copy_from(&rotation);
-            adjoint.fixed_view_mut::<3, 3>(3, 0).copy_from(&(so3::hat(&pose.translation) * rotation));
+            adjoint
+                .fixed_view_mut::<3, 3>(3, 0)
+                .copy_from(&(so3::hat(&pose.translation) * rotation));
             let (qr, qt): (f64, f64) = (sigma.0 * sigma.0, sigma.1 * sigma.1);
             let noise = Matrix6::from_diagonal(&nalgebra::Vector6::new(qr, qr, qr, qt, qt, qt));
             reference += adjoint * noise * adjoint.transpose();

@@ -49,7 +49,9 @@ pub struct Track {
 impl Track {
     /// An empty track.
     pub const fn new() -> Self {
-        Self { points: VecDeque::new() }
+        Self {
+            points: VecDeque::new(),
+        }
     }
 
     /// The newest point.
@@ -60,14 +62,23 @@ impl Track {
     /// Adds a point wherever it belongs in time. A point of an instant that is known already changes nothing: what was
     /// said once stays said. Returns whether it was new.
     pub fn insert(&mut self, point: OdometryPoint) -> bool {
-        let at = self.points.partition_point(|known| known.taken < point.taken);
-        if self.points.get(at).is_some_and(|known| known.taken == point.taken) {
+        let at = self
+            .points
+            .partition_point(|known| known.taken < point.taken);
+        if self
+            .points
+            .get(at)
+            .is_some_and(|known| known.taken == point.taken)
+        {
             return false;
         }
         self.points.insert(at, point);
         let newest = self.points[self.points.len() - 1].taken;
         while self.points.len() > TRACK_POINTS_MAX
-            || self.points.front().is_some_and(|oldest| newest - oldest.taken > TRACK_SPAN)
+            || self
+                .points
+                .front()
+                .is_some_and(|oldest| newest - oldest.taken > TRACK_SPAN)
         {
             self.points.pop_front();
         }
@@ -85,9 +96,15 @@ impl Track {
             return Ok(*exact);
         }
         if next == 0 {
-            return Err(if self.points.is_empty() { Gap::NotYet } else { Gap::Before });
+            return Err(if self.points.is_empty() {
+                Gap::NotYet
+            } else {
+                Gap::Before
+            });
         }
-        let Some(after) = self.points.get(next) else { return self.past_the_newest(instant) };
+        let Some(after) = self.points.get(next) else {
+            return self.past_the_newest(instant);
+        };
         let before = &self.points[next - 1];
         if before.segment != after.segment {
             return Err(Gap::Interrupted);
@@ -99,7 +116,8 @@ impl Track {
         let mut newest_first = self.points.iter().rev();
         match (newest_first.next(), newest_first.next()) {
             (Some(newest), Some(before))
-                if before.segment == newest.segment && instant - newest.taken <= EXTRAPOLATION_MAX =>
+                if before.segment == newest.segment
+                    && instant - newest.taken <= EXTRAPOLATION_MAX =>
             {
                 Ok(between(before, newest, instant))
             }
@@ -109,11 +127,16 @@ impl Track {
 }
 
 fn between(before: &OdometryPoint, after: &OdometryPoint, instant: Stamp) -> OdometryPoint {
-    let fraction = (instant - before.taken).as_nanos() as f64 / (after.taken - before.taken).as_nanos() as f64;
+    let fraction =
+        (instant - before.taken).as_nanos() as f64 / (after.taken - before.taken).as_nanos() as f64;
     OdometryPoint {
         taken: instant,
         segment: before.segment,
-        odometry_from_body: se3::interpolate(&before.odometry_from_body, &after.odometry_from_body, fraction),
+        odometry_from_body: se3::interpolate(
+            &before.odometry_from_body,
+            &after.odometry_from_body,
+            fraction,
+        ),
         growth: before.growth.between(&after.growth, fraction),
     }
 }

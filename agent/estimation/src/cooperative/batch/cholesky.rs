@@ -33,7 +33,12 @@ impl Sparse {
             rows.extend_from_slice(&column);
             starts.push(rows.len());
         }
-        Self { diagonal: vec![Block::zeros(); size], blocks: vec![Block::zeros(); rows.len()], starts, rows }
+        Self {
+            diagonal: vec![Block::zeros(); size],
+            blocks: vec![Block::zeros(); rows.len()],
+            starts,
+            rows,
+        }
     }
 
     pub(crate) fn size(&self) -> usize {
@@ -43,7 +48,10 @@ impl Sparse {
     /// The place of a block below the diagonal.
     pub(crate) fn find(&self, row: usize, column: usize) -> Option<usize> {
         let (start, end) = (self.starts[column], self.starts[column + 1]);
-        self.rows[start..end].binary_search(&row).ok().map(|offset| start + offset)
+        self.rows[start..end]
+            .binary_search(&row)
+            .ok()
+            .map(|offset| start + offset)
     }
 
     pub(crate) fn clear(&mut self) {
@@ -151,13 +159,19 @@ impl Cholesky {
                 let pivot = done[first].transpose();
                 subtract_product(&mut own, &done[first], &pivot);
                 for k in first + 1..last {
-                    subtract_product(&mut here[self.place_of[self.rows[k]] - start], &done[k], &pivot);
+                    subtract_product(
+                        &mut here[self.place_of[self.rows[k]] - start],
+                        &done[k],
+                        &pivot,
+                    );
                 }
                 self.wait(earlier, first + 1);
                 earlier = next;
             }
 
-            let Some(factor) = Factor::new(&own, &diagonal) else { return false };
+            let Some(factor) = Factor::new(&own, &diagonal) else {
+                return false;
+            };
             for block in &mut self.blocks[start..end] {
                 // L_ij = C_ij L_jj^-T, so L_ij^T = L_jj^-1 C_ij^T.
                 let mut turned = block.transpose();
@@ -229,7 +243,18 @@ mod tests {
     #[test]
     fn a_sparse_system_is_solved_as_the_dense_one() {
         let size = 12;
-        let pairs = [(0, 3), (1, 3), (2, 7), (3, 9), (4, 5), (5, 11), (6, 8), (0, 10), (7, 9), (2, 11)];
+        let pairs = [
+            (0, 3),
+            (1, 3),
+            (2, 7),
+            (3, 9),
+            (4, 5),
+            (5, 11),
+            (6, 8),
+            (0, 10),
+            (7, 9),
+            (2, 11),
+        ];
         let mut matrix = Sparse::new(size, pairs.into_iter());
         for (k, (a, b)) in pairs.into_iter().enumerate() {
             let place = matrix.find(a.max(b), a.min(b)).unwrap();
@@ -240,19 +265,30 @@ mod tests {
         }
         let mut dense = nalgebra::DMatrix::<f64>::zeros(6 * size, 6 * size);
         for k in 0..size {
-            dense.view_mut((6 * k, 6 * k), (6, 6)).copy_from(matrix.diagonal(k));
+            dense
+                .view_mut((6 * k, 6 * k), (6, 6))
+                .copy_from(matrix.diagonal(k));
         }
         for (a, b) in pairs {
             let block = matrix.blocks[matrix.find(a.max(b), a.min(b)).unwrap()];
-            dense.view_mut((6 * a.max(b), 6 * a.min(b)), (6, 6)).copy_from(&block);
-            dense.view_mut((6 * a.min(b), 6 * a.max(b)), (6, 6)).copy_from(&block.transpose());
+            dense
+                .view_mut((6 * a.max(b), 6 * a.min(b)), (6, 6))
+                .copy_from(&block);
+            dense
+                .view_mut((6 * a.min(b), 6 * a.max(b)), (6, 6))
+                .copy_from(&block.transpose());
         }
         let right = nalgebra::DVector::from_fn(6 * size, |i, _| (i as f64).cos());
-        let expected = (dense + nalgebra::DMatrix::identity(6 * size, 6 * size) * 0.5).cholesky().unwrap().solve(&right);
+        let expected = (dense + nalgebra::DMatrix::identity(6 * size, 6 * size) * 0.5)
+            .cholesky()
+            .unwrap()
+            .solve(&right);
         let mut cholesky = Cholesky::analyse(&matrix);
         for _ in 0..2 {
             assert!(cholesky.factor(&matrix, 0.5));
-            let mut x: Vec<Vector6<f64>> = (0..size).map(|k| right.fixed_rows::<6>(6 * k).into_owned()).collect();
+            let mut x: Vec<Vector6<f64>> = (0..size)
+                .map(|k| right.fixed_rows::<6>(6 * k).into_owned())
+                .collect();
             cholesky.solve(&mut x);
             for (k, x) in x.iter().enumerate() {
                 assert!((x - expected.fixed_rows::<6>(6 * k)).norm() < 1e-12);

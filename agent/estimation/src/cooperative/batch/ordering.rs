@@ -27,7 +27,10 @@ pub(crate) fn minimum_degree(neighbours: &[Vec<usize>]) -> Vec<usize> {
         marked[pivot] = step;
         let mut members = Vec::new();
         let absorbed = std::mem::take(&mut elements[pivot]);
-        for &unknown in unknowns[pivot].iter().chain(absorbed.iter().flat_map(|&element| &clique[element])) {
+        for &unknown in unknowns[pivot]
+            .iter()
+            .chain(absorbed.iter().flat_map(|&element| &clique[element]))
+        {
             if marked[unknown] != step && state[unknown] == State::Unknown {
                 marked[unknown] = step;
                 members.push(unknown);
@@ -44,7 +47,13 @@ pub(crate) fn minimum_degree(neighbours: &[Vec<usize>]) -> Vec<usize> {
             for &element in &elements[member] {
                 let (stamp, left) = &mut outside[element];
                 if *stamp != step {
-                    (*stamp, *left) = (step, clique[element].iter().filter(|&&m| state[m] == State::Unknown).count());
+                    (*stamp, *left) = (
+                        step,
+                        clique[element]
+                            .iter()
+                            .filter(|&&m| state[m] == State::Unknown)
+                            .count(),
+                    );
                 }
                 *left -= 1;
             }
@@ -52,10 +61,14 @@ pub(crate) fn minimum_degree(neighbours: &[Vec<usize>]) -> Vec<usize> {
         let remaining = count - order.len();
         for &member in &members {
             // Edges inside the clique are now said by the element.
-            unknowns[member].retain(|&other| marked[other] != step && state[other] == State::Unknown);
+            unknowns[member]
+                .retain(|&other| marked[other] != step && state[other] == State::Unknown);
             // An element inside the new clique says nothing new.
             elements[member].retain(|&element| outside[element].1 > 0);
-            let through_elements: usize = elements[member].iter().map(|&element| outside[element].1).sum();
+            let through_elements: usize = elements[member]
+                .iter()
+                .map(|&element| outside[element].1)
+                .sum();
             elements[member].push(pivot);
             let others = members.len() - 1;
             let bound = (unknowns[member].len() + others + through_elements)
@@ -122,7 +135,10 @@ mod tests {
 
     /// The number of blocks below the diagonal of the factor, by plain elimination.
     fn fill(neighbours: &[Vec<usize>], order: &[usize]) -> usize {
-        let mut sets: Vec<BTreeSet<usize>> = neighbours.iter().map(|list| list.iter().copied().collect()).collect();
+        let mut sets: Vec<BTreeSet<usize>> = neighbours
+            .iter()
+            .map(|list| list.iter().copied().collect())
+            .collect();
         let mut total = 0;
         for &pivot in order {
             let members: Vec<usize> = std::mem::take(&mut sets[pivot]).into_iter().collect();

@@ -15,16 +15,28 @@ fn vector(rng: &mut ChaCha8Rng, size: f64) -> Vector3<f64> {
 }
 
 fn node<To, From>(rng: &mut ChaCha8Rng, angle: f64, size: f64) -> Transform<To, From> {
-    Transform::new(so3::exp(&(vector(rng, 1.0).normalize() * angle)), vector(rng, size))
+    Transform::new(
+        so3::exp(&(vector(rng, 1.0).normalize() * angle)),
+        vector(rng, size),
+    )
 }
 
 /// One edge of each kind and weight, between ends that disagree by `turn`.
 fn edges(rng: &mut ChaCha8Rng, from: &Node, to: &Node, turn: f64, offsets: bool) -> Vec<Edge> {
-    let mut offset = || if offsets { node::<Body, Sensor>(rng, 0.7, 0.5) } else { Transform::identity() };
+    let mut offset = || {
+        if offsets {
+            node::<Body, Sensor>(rng, 0.7, 0.5)
+        } else {
+            Transform::identity()
+        }
+    };
     let (from_offset, to_offset) = (offset(), offset());
     let truth = (*from * from_offset).inverse() * (*to * to_offset);
     let seen = truth * node(rng, turn, 0.3);
-    let direction = seen.translation.try_normalize(1e-12).unwrap_or(Vector3::x());
+    let direction = seen
+        .translation
+        .try_normalize(1e-12)
+        .unwrap_or(Vector3::x());
     let measurements = [
         Measurement::pose(seen).unwrap(),
         Measurement::orientation(seen.rotation).unwrap(),
@@ -34,9 +46,18 @@ fn edges(rng: &mut ChaCha8Rng, from: &Node, to: &Node, turn: f64, offsets: bool)
     ];
     let root = Matrix6::from_fn(|_, _| rng.random_range(-1.0..1.0));
     let information = root * root.transpose();
-    let noise = Weight::Noise(Noise { rotation_rad: 0.5, translation: 0.25 });
+    let noise = Weight::Noise(Noise {
+        rotation_rad: 0.5,
+        translation: 0.25,
+    });
     let mut all = vec![
-        Edge::with_offsets(measurements[0], Weight::Information(information), from_offset, to_offset).unwrap(),
+        Edge::with_offsets(
+            measurements[0],
+            Weight::Information(information),
+            from_offset,
+            to_offset,
+        )
+        .unwrap(),
     ];
     for measurement in measurements {
         for weight in [Weight::Unit, noise] {
@@ -49,7 +70,10 @@ fn edges(rng: &mut ChaCha8Rng, from: &Node, to: &Node, turn: f64, offsets: bool)
 fn moved(pose: &Node, k: usize, step: f64) -> Node {
     let mut by = [0.0; 6];
     by[k] = step;
-    pose.retract(&Vector3::new(by[0], by[1], by[2]), &Vector3::new(by[3], by[4], by[5]))
+    pose.retract(
+        &Vector3::new(by[0], by[1], by[2]),
+        &Vector3::new(by[3], by[4], by[5]),
+    )
 }
 
 /// The gradient is the numeric derivative of the cost, and the normal equations hold the same gradient and cost.
@@ -57,15 +81,30 @@ fn check_edge(edge: &Edge, from: &Node, to: &Node, step: f64, tolerance: f64) {
     let gradient = edge.gradient(from, to);
     let (normal, cost) = edge.linearise(from, to);
     let about = format!("seed {SEED}, {:?}, {:?}", edge.measurement(), edge.weight());
-    assert!((cost - edge.cost(from, to)).abs() <= 1e-12 * (1.0 + cost), "{about}");
+    assert!(
+        (cost - edge.cost(from, to)).abs() <= 1e-12 * (1.0 + cost),
+        "{about}"
+    );
     let size = 1.0 + normal.from.norm() + normal.to.norm();
-    assert!((2.0 * normal.from - gradient.from).norm() < 1e-10 * size, "{about}");
-    assert!((2.0 * normal.to - gradient.to).norm() < 1e-10 * size, "{about}");
+    assert!(
+        (2.0 * normal.from - gradient.from).norm() < 1e-10 * size,
+        "{about}"
+    );
+    assert!(
+        (2.0 * normal.to - gradient.to).norm() < 1e-10 * size,
+        "{about}"
+    );
     for k in 0..6 {
         let by_from = edge.cost(&moved(from, k, step), to) - edge.cost(&moved(from, k, -step), to);
         let by_to = edge.cost(from, &moved(to, k, step)) - edge.cost(from, &moved(to, k, -step));
-        assert!((by_from / (2.0 * step) - gradient.from[k]).abs() < tolerance * size, "{about}, from {k}");
-        assert!((by_to / (2.0 * step) - gradient.to[k]).abs() < tolerance * size, "{about}, to {k}");
+        assert!(
+            (by_from / (2.0 * step) - gradient.from[k]).abs() < tolerance * size,
+            "{about}, from {k}"
+        );
+        assert!(
+            (by_to / (2.0 * step) - gradient.to[k]).abs() < tolerance * size,
+            "{about}, to {k}"
+        );
     }
 }
 
@@ -111,14 +150,29 @@ fn the_normal_matrix_is_that_of_the_jacobian() {
     let mut rng = ChaCha8Rng::seed_from_u64(SEED);
     let (from, to): (Node, Node) = (node(&mut rng, 1.0, 5.0), node(&mut rng, 2.0, 5.0));
     let all = edges(&mut rng, &from, &to, 0.8, true);
-    let edge = all.iter().find(|e| e.measurement.kind() == Kind::Pose && *e.weight() == Weight::Unit).unwrap();
-    let Measurement::Pose(pose) = edge.measurement() else { unreachable!() };
-    let residual = |from: &Node, to: &Node| pose.residual(&(*from * *edge.from_offset()), &(*to * *edge.to_offset()));
+    let edge = all
+        .iter()
+        .find(|e| e.measurement.kind() == Kind::Pose && *e.weight() == Weight::Unit)
+        .unwrap();
+    let Measurement::Pose(pose) = edge.measurement() else {
+        unreachable!()
+    };
+    let residual = |from: &Node, to: &Node| {
+        pose.residual(&(*from * *edge.from_offset()), &(*to * *edge.to_offset()))
+    };
     let (mut by_from, mut by_to) = (Matrix6::zeros(), Matrix6::zeros());
     for k in 0..6 {
         let h = 1e-6;
-        by_from.set_column(k, &((residual(&moved(&from, k, h), &to) - residual(&moved(&from, k, -h), &to)) / (2.0 * h)));
-        by_to.set_column(k, &((residual(&from, &moved(&to, k, h)) - residual(&from, &moved(&to, k, -h))) / (2.0 * h)));
+        by_from.set_column(
+            k,
+            &((residual(&moved(&from, k, h), &to) - residual(&moved(&from, k, -h), &to))
+                / (2.0 * h)),
+        );
+        by_to.set_column(
+            k,
+            &((residual(&from, &moved(&to, k, h)) - residual(&from, &moved(&to, k, -h)))
+                / (2.0 * h)),
+        );
     }
     let (normal, _) = edge.linearise(&from, &to);
     assert!((normal.from_from - by_from.transpose() * by_from).norm() < 1e-7);
@@ -133,7 +187,10 @@ fn a_lever_arm_by_hand() {
     let antenna = Transform::new(UnitQuaternion::identity(), Vector3::x());
     let seen = Measurement::position(Vector3::new(0.5, 1.0, 0.0)).unwrap();
     let fix = Edge::with_offsets(seen, Weight::Unit, Transform::identity(), antenna).unwrap();
-    let node = Node::new(so3::exp(&Vector3::new(0.0, 0.0, FRAC_PI_2)), Vector3::zeros());
+    let node = Node::new(
+        so3::exp(&Vector3::new(0.0, 0.0, FRAC_PI_2)),
+        Vector3::zeros(),
+    );
     assert!((fix.cost(&Node::identity(), &node) - 0.25).abs() < 1e-15);
     // r = (0.5, 0, 0); dr/dw_z = (1, 0, 0); dr/ddelta = -I: gradient of r.r is (0,0,1, -1,0,0).
     let gradient = fix.gradient(&Node::identity(), &node);
@@ -146,13 +203,35 @@ fn weights_that_cannot_be_are_refused() {
     let pose = Measurement::pose(Transform::identity()).unwrap();
     let identity = Matrix6::identity();
     let of_another = Edge::new(distance, Weight::Information(identity));
-    assert_eq!(of_another, Err(Refusal::WeightOfAnotherKind { kind: Kind::Distance }));
-    assert_eq!(Edge::new(pose, Weight::Information(-identity)), Err(Refusal::BadWeight));
-    assert_eq!(Edge::new(pose, Weight::Information(identity * f64::NAN)), Err(Refusal::BadWeight));
+    assert_eq!(
+        of_another,
+        Err(Refusal::WeightOfAnotherKind {
+            kind: Kind::Distance
+        })
+    );
+    assert_eq!(
+        Edge::new(pose, Weight::Information(-identity)),
+        Err(Refusal::BadWeight)
+    );
+    assert_eq!(
+        Edge::new(pose, Weight::Information(identity * f64::NAN)),
+        Err(Refusal::BadWeight)
+    );
     let mut skew = identity;
     skew[(0, 1)] = 0.5;
-    assert_eq!(Edge::new(pose, Weight::Information(skew)), Err(Refusal::BadWeight));
+    assert_eq!(
+        Edge::new(pose, Weight::Information(skew)),
+        Err(Refusal::BadWeight)
+    );
     assert!(Edge::new(pose, Weight::Information(Matrix6::zeros())).is_ok());
-    let silent = Weight::Noise(Noise { rotation_rad: 0.1, translation: 0.0 });
-    assert_eq!(Edge::new(distance, silent), Err(Refusal::BadNoise { kind: Kind::Distance }));
+    let silent = Weight::Noise(Noise {
+        rotation_rad: 0.1,
+        translation: 0.0,
+    });
+    assert_eq!(
+        Edge::new(distance, silent),
+        Err(Refusal::BadNoise {
+            kind: Kind::Distance
+        })
+    );
 }

@@ -24,9 +24,14 @@ impl Bearing {
         check_vector(&in_from, "the bearing")?;
         let norm = in_from.norm();
         if (norm - 1.0).abs() <= UNIT_TOLERANCE {
-            Ok(Self { in_from: in_from / norm })
+            Ok(Self {
+                in_from: in_from / norm,
+            })
         } else {
-            Err(Refusal::NotUnit { what: "the bearing", norm })
+            Err(Refusal::NotUnit {
+                what: "the bearing",
+                norm,
+            })
         }
     }
 
@@ -56,7 +61,8 @@ impl Bearing {
         let (rho, u) = range_and_direction(&d);
         let v = from.rotation.inverse() * d;
         let w = 2.0 * rho * v.cross(&self.in_from);
-        let delta = 2.0 * (2.0 * d - rho * (from.rotation * self.in_from) - self.in_from.dot(&v) * u);
+        let delta =
+            2.0 * (2.0 * d - rho * (from.rotation * self.in_from) - self.in_from.dot(&v) * u);
         Gradient {
             from: Vector6::new(w.x, w.y, w.z, -delta.x, -delta.y, -delta.z),
             to: Vector6::new(0.0, 0.0, 0.0, delta.x, delta.y, delta.z),
@@ -74,7 +80,11 @@ impl Bearing {
     #[must_use]
     pub fn residual_on_sphere(&self, from: &End, to: &End) -> Vector3<f64> {
         let (rho, u) = range_and_direction(&(to.translation - from.translation));
-        if rho < super::COINCIDENT_BELOW_M { Vector3::zeros() } else { self.in_from - from.rotation.inverse() * u }
+        if rho < super::COINCIDENT_BELOW_M {
+            Vector3::zeros()
+        } else {
+            self.in_from - from.rotation.inverse() * u
+        }
     }
 
     /// `J_wi = -[v/rho]x`, `J_dj = -R_i^T (I - u u^T) / rho = -J_di`.
@@ -85,30 +95,58 @@ impl Bearing {
     }
 
     /// The residual, its derivative in `w_i`, and that in `delta_i`, which is minus that in `delta_j`.
-    pub(crate) fn linearised(&self, from: &End, to: &End) -> (Vector3<f64>, Matrix3<f64>, Matrix3<f64>) {
+    pub(crate) fn linearised(
+        &self,
+        from: &End,
+        to: &End,
+    ) -> (Vector3<f64>, Matrix3<f64>, Matrix3<f64>) {
         let d = to.translation - from.translation;
         let (rho, u) = range_and_direction(&d);
         let from_from_world = from.rotation.inverse().to_rotation_matrix().into_inner();
         let v = from_from_world * d;
-        (self.in_from * rho - v, -so3::hat(&v), from_from_world - self.in_from * u.transpose())
+        (
+            self.in_from * rho - v,
+            -so3::hat(&v),
+            from_from_world - self.in_from * u.transpose(),
+        )
     }
 
     /// As [`Bearing::linearised`], for the residual on the sphere; all zero where the ends coincide.
-    pub(crate) fn linearised_on_sphere(&self, from: &End, to: &End) -> (Vector3<f64>, Matrix3<f64>, Matrix3<f64>) {
+    pub(crate) fn linearised_on_sphere(
+        &self,
+        from: &End,
+        to: &End,
+    ) -> (Vector3<f64>, Matrix3<f64>, Matrix3<f64>) {
         let (rho, u) = range_and_direction(&(to.translation - from.translation));
         if rho < super::COINCIDENT_BELOW_M {
             return (Vector3::zeros(), Matrix3::zeros(), Matrix3::zeros());
         }
         let from_from_world = from.rotation.inverse().to_rotation_matrix().into_inner();
         let seen = from_from_world * u;
-        (self.in_from - seen, -so3::hat(&seen), (from_from_world - seen * u.transpose()) / rho)
+        (
+            self.in_from - seen,
+            -so3::hat(&seen),
+            (from_from_world - seen * u.transpose()) / rho,
+        )
     }
 }
 
 fn join(by_rotation: &Matrix3<f64>, by_translation: &Matrix3<f64>) -> Jacobian<3> {
-    let mut jacobian = Jacobian::<3> { from: nalgebra::SMatrix::zeros(), to: nalgebra::SMatrix::zeros() };
-    jacobian.from.fixed_columns_mut::<3>(0).copy_from(by_rotation);
-    jacobian.from.fixed_columns_mut::<3>(3).copy_from(by_translation);
-    jacobian.to.fixed_columns_mut::<3>(3).copy_from(&-by_translation);
+    let mut jacobian = Jacobian::<3> {
+        from: nalgebra::SMatrix::zeros(),
+        to: nalgebra::SMatrix::zeros(),
+    };
+    jacobian
+        .from
+        .fixed_columns_mut::<3>(0)
+        .copy_from(by_rotation);
+    jacobian
+        .from
+        .fixed_columns_mut::<3>(3)
+        .copy_from(by_translation);
+    jacobian
+        .to
+        .fixed_columns_mut::<3>(3)
+        .copy_from(&-by_translation);
     jacobian
 }

@@ -18,7 +18,9 @@ impl Distance {
     /// [`Refusal::NotFinite`], [`Refusal::NegativeDistance`] or [`Refusal::TooFar`].
     pub fn new(metres: f64) -> Result<Self, Refusal> {
         if !metres.is_finite() {
-            return Err(Refusal::NotFinite { what: "the distance" });
+            return Err(Refusal::NotFinite {
+                what: "the distance",
+            });
         }
         if metres < 0.0 {
             return Err(Refusal::NegativeDistance { metres });

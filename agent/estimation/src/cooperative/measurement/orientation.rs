@@ -19,7 +19,9 @@ impl Orientation {
     /// # Errors
     /// [`Refusal::NotFinite`] or [`Refusal::NotUnit`].
     pub fn new(from_from_to: UnitQuaternion<f64>) -> Result<Self, Refusal> {
-        Ok(Self { from_from_to: check_rotation(&from_from_to)? })
+        Ok(Self {
+            from_from_to: check_rotation(&from_from_to)?,
+        })
     }
 
     /// The measured rotation.
@@ -59,7 +61,10 @@ impl Orientation {
         let phi = so3::log(&(self.from_from_to.inverse() * to_from_from.inverse()));
         let by_to = so3::right_jacobian_inverse(&phi);
         let by_from = -by_to * to_from_from.to_rotation_matrix().into_inner();
-        let mut jacobian = Jacobian::<3> { from: SMatrix::zeros(), to: SMatrix::zeros() };
+        let mut jacobian = Jacobian::<3> {
+            from: SMatrix::zeros(),
+            to: SMatrix::zeros(),
+        };
         jacobian.from.fixed_columns_mut::<3>(0).copy_from(&by_from);
         jacobian.to.fixed_columns_mut::<3>(0).copy_from(&by_to);
         jacobian

@@ -9,7 +9,9 @@
 
 use nalgebra::{Matrix6, Vector6};
 
-use super::{End, Gradient, Jacobian, Orientation, Position, check_range, check_rotation, check_vector};
+use super::{
+    End, Gradient, Jacobian, Orientation, Position, check_range, check_rotation, check_vector,
+};
 use crate::cooperative::refusal::Refusal;
 use crate::se3;
 use crate::transform::{Sensor, Transform};
@@ -73,15 +75,27 @@ impl Pose {
     /// The sum of the gradients of its two parts (paper eq. 7).
     #[must_use]
     pub fn gradient(&self, from: &End, to: &End) -> Gradient {
-        let (turn, shift) = (self.orientation.gradient(from, to), self.position.gradient(from, to));
-        Gradient { from: turn.from + shift.from, to: turn.to + shift.to }
+        let (turn, shift) = (
+            self.orientation.gradient(from, to),
+            self.position.gradient(from, to),
+        );
+        Gradient {
+            from: turn.from + shift.from,
+            to: turn.to + shift.to,
+        }
     }
 
     /// The Jacobians of its two parts, one above the other.
     #[must_use]
     pub fn jacobian(&self, from: &End, to: &End) -> Jacobian<6> {
-        let (turn, shift) = (self.orientation.jacobian(from, to), self.position.jacobian(from, to));
-        let mut jacobian = Jacobian::<6> { from: Matrix6::zeros(), to: Matrix6::zeros() };
+        let (turn, shift) = (
+            self.orientation.jacobian(from, to),
+            self.position.jacobian(from, to),
+        );
+        let mut jacobian = Jacobian::<6> {
+            from: Matrix6::zeros(),
+            to: Matrix6::zeros(),
+        };
         jacobian.from.fixed_rows_mut::<3>(0).copy_from(&turn.from);
         jacobian.from.fixed_rows_mut::<3>(3).copy_from(&shift.from);
         jacobian.to.fixed_rows_mut::<3>(0).copy_from(&turn.to);
@@ -104,11 +118,15 @@ impl Pose {
         let by_to_twist = se3::right_jacobian_inverse(&residual);
         let by_from_twist = -by_to_twist * se3::adjoint(&to_from_from);
         let in_world = |by_twist: Matrix6<f64>, end: &End| {
-            let turned = by_twist.fixed_columns::<3>(3) * end.rotation.inverse().to_rotation_matrix().matrix();
+            let turned = by_twist.fixed_columns::<3>(3)
+                * end.rotation.inverse().to_rotation_matrix().matrix();
             let mut jacobian = by_twist;
             jacobian.fixed_columns_mut::<3>(3).copy_from(&turned);
             jacobian
         };
-        Jacobian { from: in_world(by_from_twist, from), to: in_world(by_to_twist, to) }
+        Jacobian {
+            from: in_world(by_from_twist, from),
+            to: in_world(by_to_twist, to),
+        }
     }
 }

@@ -59,10 +59,22 @@ impl Position {
     pub fn jacobian(&self, from: &End, to: &End) -> Jacobian<3> {
         let from_from_world = from.rotation.inverse().to_rotation_matrix().into_inner();
         let v = from_from_world * (to.translation - from.translation);
-        let mut jacobian = Jacobian::<3> { from: SMatrix::zeros(), to: SMatrix::zeros() };
-        jacobian.from.fixed_columns_mut::<3>(0).copy_from(&-so3::hat(&v));
-        jacobian.from.fixed_columns_mut::<3>(3).copy_from(&from_from_world);
-        jacobian.to.fixed_columns_mut::<3>(3).copy_from(&-from_from_world);
+        let mut jacobian = Jacobian::<3> {
+            from: SMatrix::zeros(),
+            to: SMatrix::zeros(),
+        };
+        jacobian
+            .from
+            .fixed_columns_mut::<3>(0)
+            .copy_from(&-so3::hat(&v));
+        jacobian
+            .from
+            .fixed_columns_mut::<3>(3)
+            .copy_from(&from_from_world);
+        jacobian
+            .to
+            .fixed_columns_mut::<3>(3)
+            .copy_from(&-from_from_world);
         jacobian
     }
 }

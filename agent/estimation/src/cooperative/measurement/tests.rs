@@ -25,35 +25,65 @@ fn end(rng: &mut ChaCha8Rng) -> End {
 }
 
 /// The measurement of each kind that these ends would give, spoilt by a turn and a shift.
-fn measured(from: &End, to: &End, turn: &UnitQuaternion<f64>, shift: &Vector3<f64>) -> Vec<Measurement> {
+fn measured(
+    from: &End,
+    to: &End,
+    turn: &UnitQuaternion<f64>,
+    shift: &Vector3<f64>,
+) -> Vec<Measurement> {
     let truth: Transform<Sensor, Sensor> = from.inverse() * *to;
     let translation = truth.translation + shift;
     vec![
         Measurement::pose(Transform::new(truth.rotation * turn, translation)).unwrap(),
         Measurement::orientation(truth.rotation * turn).unwrap(),
         Measurement::position(translation).unwrap(),
-        Measurement::bearing((turn * truth.translation).try_normalize(1e-300).unwrap_or(Vector3::x())).unwrap(),
+        Measurement::bearing(
+            (turn * truth.translation)
+                .try_normalize(1e-300)
+                .unwrap_or(Vector3::x()),
+        )
+        .unwrap(),
         Measurement::distance(translation.norm()).unwrap(),
     ]
 }
 
 /// Residual and Jacobian of either form of any kind, as dynamic matrices.
-fn linearised(measurement: &Measurement, from: &End, to: &End, second_form: bool) -> (DVector<f64>, DMatrix<f64>) {
-    fn join<const D: usize>(residual: &[f64], jacobian: &Jacobian<D>) -> (DVector<f64>, DMatrix<f64>) {
+fn linearised(
+    measurement: &Measurement,
+    from: &End,
+    to: &End,
+    second_form: bool,
+) -> (DVector<f64>, DMatrix<f64>) {
+    fn join<const D: usize>(
+        residual: &[f64],
+        jacobian: &Jacobian<D>,
+    ) -> (DVector<f64>, DMatrix<f64>) {
         let mut both = DMatrix::zeros(D, 12);
         both.columns_mut(0, 6).copy_from(&jacobian.from);
         both.columns_mut(6, 6).copy_from(&jacobian.to);
         (DVector::from_column_slice(residual), both)
     }
     match (measurement, second_form) {
-        (Measurement::Pose(m), false) => join(m.residual(from, to).as_slice(), &m.jacobian(from, to)),
-        (Measurement::Pose(m), true) => join(m.twist_residual(from, to).as_slice(), &m.twist_jacobian(from, to)),
-        (Measurement::Orientation(m), _) => join(m.residual(from, to).as_slice(), &m.jacobian(from, to)),
-        (Measurement::Position(m), _) => join(m.residual(from, to).as_slice(), &m.jacobian(from, to)),
-        (Measurement::Bearing(m), false) => join(m.residual(from, to).as_slice(), &m.jacobian(from, to)),
-        (Measurement::Bearing(m), true) => {
-            join(m.residual_on_sphere(from, to).as_slice(), &m.jacobian_on_sphere(from, to))
+        (Measurement::Pose(m), false) => {
+            join(m.residual(from, to).as_slice(), &m.jacobian(from, to))
         }
+        (Measurement::Pose(m), true) => join(
+            m.twist_residual(from, to).as_slice(),
+            &m.twist_jacobian(from, to),
+        ),
+        (Measurement::Orientation(m), _) => {
+            join(m.residual(from, to).as_slice(), &m.jacobian(from, to))
+        }
+        (Measurement::Position(m), _) => {
+            join(m.residual(from, to).as_slice(), &m.jacobian(from, to))
+        }
+        (Measurement::Bearing(m), false) => {
+            join(m.residual(from, to).as_slice(), &m.jacobian(from, to))
+        }
+        (Measurement::Bearing(m), true) => join(
+            m.residual_on_sphere(from, to).as_slice(),
+            &m.jacobian_on_sphere(from, to),
+        ),
         (Measurement::Distance(m), _) => join(&[m.residual(from, to)], &m.jacobian(from, to)),
     }
 }
@@ -62,8 +92,15 @@ fn linearised(measurement: &Measurement, from: &End, to: &End, second_form: bool
 fn moved(from: &End, to: &End, k: usize, step: f64) -> (End, End) {
     let mut by = Vector6::zeros();
     by[k % 6] = step;
-    let (w, delta) = (by.fixed_rows::<3>(0).into_owned(), by.fixed_rows::<3>(3).into_owned());
-    if k < 6 { (from.retract(&w, &delta), *to) } else { (*from, to.retract(&w, &delta)) }
+    let (w, delta) = (
+        by.fixed_rows::<3>(0).into_owned(),
+        by.fixed_rows::<3>(3).into_owned(),
+    );
+    if k < 6 {
+        (from.retract(&w, &delta), *to)
+    } else {
+        (*from, to.retract(&w, &delta))
+    }
 }
 
 fn check_jacobian(measurement: &Measurement, from: &End, to: &End, step: f64, tolerance: f64) {
@@ -76,15 +113,27 @@ fn check_jacobian(measurement: &Measurement, from: &End, to: &End, step: f64, to
             let behind = linearised(measurement, &behind_from, &behind_to, second_form).0;
             let numeric = (ahead - behind) / (2.0 * step);
             let error = (&numeric - jacobian.column(k)).norm();
-            assert!(error < tolerance, "seed {SEED}, {measurement:?}, second form {second_form}, column {k}: {error}");
+            assert!(
+                error < tolerance,
+                "seed {SEED}, {measurement:?}, second form {second_form}, column {k}: {error}"
+            );
         }
         if !second_form {
             // g = r.r, so its gradient is 2 J^T r: ties the paper's closed forms to the Jacobian.
-            assert!((measurement.cost(from, to) - residual.norm_squared()).abs() < 1e-12 * (1.0 + residual.norm_squared()));
-            let Gradient { from: by_from, to: by_to } = measurement.gradient(from, to);
+            assert!(
+                (measurement.cost(from, to) - residual.norm_squared()).abs()
+                    < 1e-12 * (1.0 + residual.norm_squared())
+            );
+            let Gradient {
+                from: by_from,
+                to: by_to,
+            } = measurement.gradient(from, to);
             let expected = 2.0 * jacobian.tr_mul(&residual);
             let both = DVector::from_iterator(12, by_from.iter().chain(by_to.iter()).copied());
-            assert!((both - &expected).norm() < 1e-9 * (1.0 + expected.norm()), "seed {SEED}, {measurement:?}");
+            assert!(
+                (both - &expected).norm() < 1e-9 * (1.0 + expected.norm()),
+                "seed {SEED}, {measurement:?}"
+            );
         }
     }
 }
@@ -154,24 +203,47 @@ fn at_coincidence_and_at_half_a_turn_all_numbers_are_finite() {
     for measurement in all {
         for second_form in [false, true] {
             let (residual, jacobian) = linearised(&measurement, &from, &to, second_form);
-            assert!(residual.iter().chain(jacobian.iter()).all(|number| number.is_finite()), "{measurement:?}");
+            assert!(
+                residual
+                    .iter()
+                    .chain(jacobian.iter())
+                    .all(|number| number.is_finite()),
+                "{measurement:?}"
+            );
         }
         let gradient = measurement.gradient(&from, &to);
-        assert!(gradient.from.iter().chain(gradient.to.iter()).all(|number| number.is_finite()));
+        assert!(
+            gradient
+                .from
+                .iter()
+                .chain(gradient.to.iter())
+                .all(|number| number.is_finite())
+        );
     }
 }
 
 /// i at (1, 0, 0) turned a quarter about z; j at (1, 2, 0), not turned. So d = (0, 2, 0) and v = (2, 0, 0).
 fn by_hand() -> (End, End) {
     (
-        End::new(so3::exp(&Vector3::new(0.0, 0.0, FRAC_PI_2)), Vector3::new(1.0, 0.0, 0.0)),
+        End::new(
+            so3::exp(&Vector3::new(0.0, 0.0, FRAC_PI_2)),
+            Vector3::new(1.0, 0.0, 0.0),
+        ),
         End::new(UnitQuaternion::identity(), Vector3::new(1.0, 2.0, 0.0)),
     )
 }
 
 fn assert_gradient(gradient: Gradient, from: [f64; 6], to: [f64; 6]) {
-    assert!((gradient.from - Vector6::from(from)).norm() < 1e-12, "from {}", gradient.from);
-    assert!((gradient.to - Vector6::from(to)).norm() < 1e-12, "to {}", gradient.to);
+    assert!(
+        (gradient.from - Vector6::from(from)).norm() < 1e-12,
+        "from {}",
+        gradient.from
+    );
+    assert!(
+        (gradient.to - Vector6::from(to)).norm() < 1e-12,
+        "to {}",
+        gradient.to
+    );
 }
 
 #[test]
@@ -181,7 +253,11 @@ fn orientation_by_hand() {
     let seen = Orientation::new(so3::exp(&Vector3::new(0.0, 0.0, 0.1 - FRAC_PI_2))).unwrap();
     assert!((seen.residual(&from, &to) - Vector3::new(0.0, 0.0, -0.1)).norm() < 1e-15);
     assert!((seen.cost(&from, &to) - 0.01).abs() < 1e-15);
-    assert_gradient(seen.gradient(&from, &to), [0.0, 0.0, 0.2, 0.0, 0.0, 0.0], [0.0, 0.0, -0.2, 0.0, 0.0, 0.0]);
+    assert_gradient(
+        seen.gradient(&from, &to),
+        [0.0, 0.0, 0.2, 0.0, 0.0, 0.0],
+        [0.0, 0.0, -0.2, 0.0, 0.0, 0.0],
+    );
 }
 
 #[test]
@@ -192,17 +268,30 @@ fn position_by_hand() {
     assert!((seen.residual(&from, &to) - Vector3::y()).norm() < 1e-15);
     assert!((seen.cost(&from, &to) - 1.0).abs() < 1e-15);
     // w_i = 2 v x that = 2 (2,0,0) x (2,1,0) = (0,0,4).
-    assert_gradient(seen.gradient(&from, &to), [0.0, 0.0, 4.0, -2.0, 0.0, 0.0], [0.0, 0.0, 0.0, 2.0, 0.0, 0.0]);
+    assert_gradient(
+        seen.gradient(&from, &to),
+        [0.0, 0.0, 4.0, -2.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 2.0, 0.0, 0.0],
+    );
 }
 
 #[test]
 fn pose_by_hand() {
     let (from, to) = by_hand();
-    let relative = Transform::new(so3::exp(&Vector3::new(0.0, 0.0, 0.1 - FRAC_PI_2)), Vector3::new(2.0, 1.0, 0.0));
+    let relative = Transform::new(
+        so3::exp(&Vector3::new(0.0, 0.0, 0.1 - FRAC_PI_2)),
+        Vector3::new(2.0, 1.0, 0.0),
+    );
     let seen = Pose::new(relative).unwrap();
-    assert!((seen.residual(&from, &to) - Vector6::new(0.0, 0.0, -0.1, 0.0, 1.0, 0.0)).norm() < 1e-15);
+    assert!(
+        (seen.residual(&from, &to) - Vector6::new(0.0, 0.0, -0.1, 0.0, 1.0, 0.0)).norm() < 1e-15
+    );
     assert!((seen.cost(&from, &to) - 1.01).abs() < 1e-15);
-    assert_gradient(seen.gradient(&from, &to), [0.0, 0.0, 4.2, -2.0, 0.0, 0.0], [0.0, 0.0, -0.2, 2.0, 0.0, 0.0]);
+    assert_gradient(
+        seen.gradient(&from, &to),
+        [0.0, 0.0, 4.2, -2.0, 0.0, 0.0],
+        [0.0, 0.0, -0.2, 2.0, 0.0, 0.0],
+    );
     // As a twist: the rotation is the same, the shift is Jl^-1 Rhat^T (v - that), of length a little above one.
     let twist = seen.twist_residual(&from, &to);
     assert!((twist.fixed_rows::<3>(0) - Vector3::new(0.0, 0.0, -0.1)).norm() < 1e-15);
@@ -218,7 +307,11 @@ fn bearing_by_hand() {
     assert!((seen.residual(&from, &to) - Vector3::new(-2.0, 2.0, 0.0)).norm() < 1e-15);
     assert!((seen.cost(&from, &to) - 8.0).abs() < 1e-14);
     // w_i = 2 rho v x tau = 4 (0,0,2); R_i tau = (-1,0,0), tau.v = 0: delta_j = 2 [(0,4,0) + (2,0,0)].
-    assert_gradient(seen.gradient(&from, &to), [0.0, 0.0, 8.0, -4.0, -8.0, 0.0], [0.0, 0.0, 0.0, 4.0, 8.0, 0.0]);
+    assert_gradient(
+        seen.gradient(&from, &to),
+        [0.0, 0.0, 8.0, -4.0, -8.0, 0.0],
+        [0.0, 0.0, 0.0, 4.0, 8.0, 0.0],
+    );
     assert!((seen.residual_on_sphere(&from, &to) - Vector3::new(-1.0, 1.0, 0.0)).norm() < 1e-15);
 }
 
@@ -228,7 +321,11 @@ fn distance_by_hand() {
     let seen = Distance::new(5.0).unwrap();
     assert!((seen.residual(&from, &to) - 3.0).abs() < 1e-15);
     assert!((seen.cost(&from, &to) - 9.0).abs() < 1e-14);
-    assert_gradient(seen.gradient(&from, &to), [0.0, 0.0, 0.0, 0.0, 6.0, 0.0], [0.0, 0.0, 0.0, 0.0, -6.0, 0.0]);
+    assert_gradient(
+        seen.gradient(&from, &to),
+        [0.0, 0.0, 0.0, 0.0, 6.0, 0.0],
+        [0.0, 0.0, 0.0, 0.0, -6.0, 0.0],
+    );
 }
 
 #[test]
@@ -236,28 +333,80 @@ fn what_is_no_measurement_is_refused_with_its_reason() {
     let nan = Vector3::new(0.0, f64::NAN, 0.0);
     let stretched = UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(2.0, 0.0, 0.0, 0.0));
     let broken = UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(f64::NAN, 0.0, 0.0, 0.0));
-    assert!(matches!(Measurement::position(nan), Err(Refusal::NotFinite { .. })));
-    assert!(matches!(Measurement::bearing(nan), Err(Refusal::NotFinite { .. })));
-    assert!(matches!(Measurement::distance(f64::INFINITY), Err(Refusal::NotFinite { .. })));
-    assert!(matches!(Measurement::orientation(broken), Err(Refusal::NotFinite { .. })));
-    assert!(matches!(Measurement::orientation(stretched), Err(Refusal::NotUnit { .. })));
-    assert!(matches!(Measurement::bearing(Vector3::zeros()), Err(Refusal::NotUnit { .. })));
-    assert!(matches!(Measurement::pose(Transform::new(stretched, Vector3::zeros())), Err(Refusal::NotUnit { .. })));
-    assert!(matches!(Measurement::pose(Transform::new(UnitQuaternion::identity(), nan)), Err(Refusal::NotFinite { .. })));
-    assert_eq!(Measurement::distance(-0.1), Err(Refusal::NegativeDistance { metres: -0.1 }));
-    assert!(matches!(Measurement::distance(2e6), Err(Refusal::TooFar { .. })));
-    assert!(matches!(Measurement::position(Vector3::new(1e200, 0.0, 0.0)), Err(Refusal::TooFar { .. })));
+    assert!(matches!(
+        Measurement::position(nan),
+        Err(Refusal::NotFinite { .. })
+    ));
+    assert!(matches!(
+        Measurement::bearing(nan),
+        Err(Refusal::NotFinite { .. })
+    ));
+    assert!(matches!(
+        Measurement::distance(f64::INFINITY),
+        Err(Refusal::NotFinite { .. })
+    ));
+    assert!(matches!(
+        Measurement::orientation(broken),
+        Err(Refusal::NotFinite { .. })
+    ));
+    assert!(matches!(
+        Measurement::orientation(stretched),
+        Err(Refusal::NotUnit { .. })
+    ));
+    assert!(matches!(
+        Measurement::bearing(Vector3::zeros()),
+        Err(Refusal::NotUnit { .. })
+    ));
+    assert!(matches!(
+        Measurement::pose(Transform::new(stretched, Vector3::zeros())),
+        Err(Refusal::NotUnit { .. })
+    ));
+    assert!(matches!(
+        Measurement::pose(Transform::new(UnitQuaternion::identity(), nan)),
+        Err(Refusal::NotFinite { .. })
+    ));
+    assert_eq!(
+        Measurement::distance(-0.1),
+        Err(Refusal::NegativeDistance { metres: -0.1 })
+    );
+    assert!(matches!(
+        Measurement::distance(2e6),
+        Err(Refusal::TooFar { .. })
+    ));
+    assert!(matches!(
+        Measurement::position(Vector3::new(1e200, 0.0, 0.0)),
+        Err(Refusal::TooFar { .. })
+    ));
     assert!(Measurement::distance(0.0).is_ok());
     assert!(Measurement::distance(RANGE_LIMIT_M).is_ok());
 }
 
 #[test]
 fn only_the_noise_that_a_kind_uses_is_looked_at() {
-    let angular = Noise { rotation_rad: 0.1, translation: f64::NAN };
+    let angular = Noise {
+        rotation_rad: 0.1,
+        translation: f64::NAN,
+    };
     assert!(angular.check(Kind::Bearing).is_ok());
     assert!(angular.check(Kind::Orientation).is_ok());
-    assert_eq!(angular.check(Kind::Distance), Err(Refusal::BadNoise { kind: Kind::Distance }));
-    assert_eq!(angular.check(Kind::Pose), Err(Refusal::BadNoise { kind: Kind::Pose }));
-    let exact = Noise { rotation_rad: 0.0, translation: 0.0 };
-    assert_eq!(exact.check(Kind::Bearing), Err(Refusal::BadNoise { kind: Kind::Bearing }));
+    assert_eq!(
+        angular.check(Kind::Distance),
+        Err(Refusal::BadNoise {
+            kind: Kind::Distance
+        })
+    );
+    assert_eq!(
+        angular.check(Kind::Pose),
+        Err(Refusal::BadNoise { kind: Kind::Pose })
+    );
+    let exact = Noise {
+        rotation_rad: 0.0,
+        translation: 0.0,
+    };
+    assert_eq!(
+        exact.check(Kind::Bearing),
+        Err(Refusal::BadNoise {
+            kind: Kind::Bearing
+        })
+    );
 }

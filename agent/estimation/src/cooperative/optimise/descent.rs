@@ -32,11 +32,24 @@ impl Descent {
     };
 
     /// Minimises `problem` from its present point.
-    pub fn minimise(&self, problem: &mut impl Problem, mut observe: impl FnMut(Progress)) -> Outcome {
+    pub fn minimise(
+        &self,
+        problem: &mut impl Problem,
+        mut observe: impl FnMut(Progress),
+    ) -> Outcome {
         let cost_before = problem.gradient();
         let mut cost = cost_before;
-        observe(Progress { iteration: 0, cost, step_norm: 0.0 });
-        let outcome = |status, iterations, cost_after| Outcome { status, iterations, cost_before, cost_after };
+        observe(Progress {
+            iteration: 0,
+            cost,
+            step_norm: 0.0,
+        });
+        let outcome = |status, iterations, cost_after| Outcome {
+            status,
+            iterations,
+            cost_before,
+            cost_after,
+        };
         if !cost.is_finite() {
             return outcome(SolveStatus::NotFinite, 0, cost);
         }
@@ -50,17 +63,30 @@ impl Descent {
             };
             problem.accept();
             cost = reached;
-            observe(Progress { iteration, cost, step_norm: step * norm });
+            observe(Progress {
+                iteration,
+                cost,
+                step_norm: step * norm,
+            });
             problem.gradient();
         }
         let met = problem.gradient_norm() <= self.gradient_norm_max;
-        let status = if met { SolveStatus::Converged } else { SolveStatus::IterationLimit };
+        let status = if met {
+            SolveStatus::Converged
+        } else {
+            SolveStatus::IterationLimit
+        };
         outcome(status, self.iterations_max, cost)
     }
 
     /// The first of alpha, alpha beta, alpha beta^2 ... that lowers the cost enough, with the cost there. Leaves that
     /// point as the trial point.
-    fn armijo(&self, problem: &mut impl Problem, cost: f64, gradient_norm: f64) -> Option<(f64, f64)> {
+    fn armijo(
+        &self,
+        problem: &mut impl Problem,
+        cost: f64,
+        gradient_norm: f64,
+    ) -> Option<(f64, f64)> {
         let mut step = self.first_step;
         for _ in 0..SHRINKS_MAX {
             problem.try_descent(step);

@@ -12,6 +12,8 @@ const DAMPING_MAX: f64 = 1e12;
 const DAMPING_TELLING_MAX: f64 = 1e-2;
 /// The part of the predicted decrease that must come true for a step to be taken.
 const ACCEPT_PART_MIN: f64 = 1e-4;
+/// Part of the cost that is its rounding, summed over hundreds of edges.
+const ROUNDING: f64 = 1e-12;
 
 /// Settings of Gauss-Newton.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,14 +28,31 @@ pub struct GaussNewton {
 
 impl GaussNewton {
     /// Stops where the next step would no longer change a pose that is sent as numbers.
-    pub const DEFAULT: Self = Self { step_norm_max: 1e-7, decrease_part_max: 1e-13, iterations_max: 50 };
+    pub const DEFAULT: Self = Self {
+        step_norm_max: 1e-7,
+        decrease_part_max: 1e-13,
+        iterations_max: 50,
+    };
 
     /// Minimises `problem` from its present point.
-    pub fn minimise(&self, problem: &mut impl Problem, mut observe: impl FnMut(Progress)) -> Outcome {
+    pub fn minimise(
+        &self,
+        problem: &mut impl Problem,
+        mut observe: impl FnMut(Progress),
+    ) -> Outcome {
         let cost_before = problem.linearise();
         let mut cost = cost_before;
-        observe(Progress { iteration: 0, cost, step_norm: 0.0 });
-        let outcome = |status, iterations, cost_after| Outcome { status, iterations, cost_before, cost_after };
+        observe(Progress {
+            iteration: 0,
+            cost,
+            step_norm: 0.0,
+        });
+        let outcome = |status, iterations, cost_after| Outcome {
+            status,
+            iterations,
+            cost_before,
+            cost_after,
+        };
         if !cost.is_finite() {
             return outcome(SolveStatus::NotFinite, 0, cost);
         }
@@ -59,14 +78,21 @@ impl GaussNewton {
                 }
                 continue;
             };
-            if step.norm <= self.step_norm_max || step.predicted_decrease <= self.decrease_part_max * cost {
-                // The last step may be lost in the cost's rounding: it is taken when it does no harm.
+            if step.norm <= self.step_norm_max
+                || step.predicted_decrease <= self.decrease_part_max * cost
+            {
+                // The last step is lost in the cost's rounding: it is taken unless it does harm beyond that, so that
+                // rounding does not decide whether it is.
                 let reached = problem.trial_cost();
-                if reached <= cost {
+                if reached <= cost * (1.0 + ROUNDING) {
                     problem.accept();
                     iterations += 1;
-                    cost = reached;
-                    observe(Progress { iteration: iterations, cost, step_norm: step.norm });
+                    cost = cost.min(reached);
+                    observe(Progress {
+                        iteration: iterations,
+                        cost,
+                        step_norm: step.norm,
+                    });
                 }
                 return outcome(settled(singular, damping), iterations, cost);
             }
@@ -75,8 +101,16 @@ impl GaussNewton {
             if cost - reached >= ACCEPT_PART_MIN * step.predicted_decrease {
                 iterations += 1;
                 cost = reached;
-                observe(Progress { iteration: iterations, cost, step_norm: step.norm });
-                damping = if damping * 0.1 < DAMPING_DROPPED_BELOW { 0.0 } else { damping * 0.1 };
+                observe(Progress {
+                    iteration: iterations,
+                    cost,
+                    step_norm: step.norm,
+                });
+                damping = if damping * 0.1 < DAMPING_DROPPED_BELOW {
+                    0.0
+                } else {
+                    damping * 0.1
+                };
                 continue;
             }
             problem.undo();
@@ -91,5 +125,9 @@ impl GaussNewton {
 }
 
 fn raised(damping: f64) -> f64 {
-    if damping < DAMPING_FIRST { DAMPING_FIRST } else { damping * 10.0 }
+    if damping < DAMPING_FIRST {
+        DAMPING_FIRST
+    } else {
+        damping * 10.0
+    }
 }
