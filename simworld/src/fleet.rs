@@ -4,6 +4,7 @@
 
 use crate::radio::{Radio, RadioSettings, Verdict};
 use crate::scenario::Scenario;
+use crate::stage::Stage;
 use crate::truth::Pose;
 use crate::world::{Delivery, World};
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
@@ -14,8 +15,8 @@ use std::collections::BTreeMap;
 
 /// Several vehicles and the air between them.
 #[derive(Debug)]
-pub struct Fleet {
-    world: World,
+pub struct Fleet<S = World> {
+    stage: S,
     radio: Radio,
     members: Vec<Member>,
     events: BTreeMap<(i64, u64), Event>,
@@ -76,19 +77,27 @@ impl Fleet {
     #[must_use]
     pub fn with_configs(scenario: &Scenario, sample: u64, change: impl Fn(usize, Config) -> Config) -> Self {
         let world = World::new(scenario, sample);
-        let (start_ns, _) = world.span_ns();
+        let radio = Radio::new(&scenario.radio, world.streams());
+        Self::on(world, radio, change)
+    }
+}
+
+impl<S: Stage> Fleet<S> {
+    /// A fleet on a stage, with configurations changed by `change`.
+    #[must_use]
+    pub fn on(stage: S, radio: Radio, change: impl Fn(usize, Config) -> Config) -> Self {
+        let start_ns = stage.begins_ns();
         let member = |vehicle| Member {
-            config: change(vehicle, world.config(vehicle, 0)),
+            config: change(vehicle, stage.config(vehicle, 0)),
             vehicle: None,
             starts: 0,
             wake_ns: i64::MAX,
             estimate: None,
             health: None,
         };
-        let members: Vec<Member> = (0..world.len()).map(member).collect();
-        let radio = Radio::new(&scenario.radio, world.streams());
+        let members: Vec<Member> = (0..stage.vehicles()).map(member).collect();
         let mut fleet = Self {
-            world,
+            stage,
             radio,
             members,
             events: BTreeMap::new(),
@@ -98,7 +107,7 @@ impl Fleet {
         };
         for vehicle in 0..fleet.len() {
             fleet.start(vehicle);
-            let instant_ns = fleet.world.first_instant_ns(vehicle, start_ns + 1);
+            let instant_ns = fleet.stage.first_instant_ns(vehicle, start_ns + 1);
             fleet.push(start_ns, Event::Prepare { vehicle, instant_ns });
         }
         fleet
@@ -126,10 +135,10 @@ impl Fleet {
         self.members.is_empty()
     }
 
-    /// The world that it flies in.
+    /// What it flies on.
     #[must_use]
-    pub const fn world(&self) -> &World {
-        &self.world
+    pub const fn stage(&self) -> &S {
+        &self.stage
     }
 
     /// The air between the vehicles, with its counts.
@@ -171,8 +180,8 @@ impl Fleet {
     #[must_use]
     pub fn scored(&self, vehicle: usize) -> Option<(Pose, Pose)> {
         let estimate = self.estimate(vehicle)?;
-        let at_ns = self.world.time_ns(vehicle, estimate.taken_ns);
-        Some((self.world.truth(vehicle, at_ns), pose_of(estimate.pose.as_ref()?)))
+        let at_ns = self.stage.time_ns(vehicle, estimate.taken_ns);
+        Some((self.stage.truth(vehicle, at_ns)?, pose_of(estimate.pose.as_ref()?)))
     }
 
     /// Distance between a vehicle's newest estimate and the truth, in metres; infinite when it has none.
@@ -201,7 +210,7 @@ impl Fleet {
     }
 
     fn start(&mut self, vehicle: usize) {
-        let boot = self.world.boot(vehicle, self.members[vehicle].starts);
+        let boot = self.stage.boot(vehicle, self.members[vehicle].starts);
         let stamp = self.stamp(vehicle);
         let member = &mut self.members[vehicle];
         member.config.boot = boot;
@@ -256,11 +265,11 @@ impl Fleet {
 
     /// Lays out what the drivers of a vehicle will bring for its next round.
     fn prepare(&mut self, vehicle: usize, instant_ns: i64) {
-        for Delivery { at_ns, sensor, frame } in self.world.round(vehicle, instant_ns) {
+        for Delivery { at_ns, sensor, frame } in self.stage.round(vehicle, instant_ns) {
             let input = Input::Frame { sensor, bytes: frame.encode() };
             self.push(at_ns, Event::Input { vehicle, input });
         }
-        let next_ns = instant_ns + self.world.period_ns();
+        let next_ns = instant_ns + self.stage.period_ns();
         self.push(instant_ns, Event::Prepare { vehicle, instant_ns: next_ns });
     }
 
@@ -277,7 +286,7 @@ impl Fleet {
                 Output::Estimate { document, .. } => self.members[vehicle].estimate = Some(document),
                 Output::Health(document) => self.members[vehicle].health = Some(document),
                 Output::WakeAt(at) => {
-                    let wake_ns = self.world.time_ns(vehicle, at.as_nanos()).max(self.now_ns);
+                    let wake_ns = self.stage.time_ns(vehicle, at.as_nanos()).max(self.now_ns);
                     if self.members[vehicle].wake_ns != wake_ns {
                         self.members[vehicle].wake_ns = wake_ns;
                         self.push(wake_ns, Event::Wake { vehicle });
@@ -292,20 +301,25 @@ impl Fleet {
     /// A packet goes into the air: an exchange to its addressee, a record to everybody.
     fn send(&mut self, from: usize, key: PacketKey, bytes: &[u8]) {
         for to in (0..self.len()).filter(|to| *to != from) {
-            if matches!(key, PacketKey::Exchange { to: addressee, .. } if addressee != self.world.name(to)) {
+            if matches!(key, PacketKey::Exchange { to: addressee, .. } if addressee != self.members[to].config.vehicle) {
                 continue;
             }
-            let apart = self.world.truth(from, self.now_ns).translation.vector
-                - self.world.truth(to, self.now_ns).translation.vector;
-            if let Verdict::Deliver { at_ns } = self.radio.transmit(self.now_ns, from, to, apart.norm(), bytes.len()) {
+            let apart_m = self.apart_m(from, to);
+            if let Verdict::Deliver { at_ns } = self.radio.transmit(self.now_ns, from, to, apart_m, bytes.len()) {
                 let input = Input::Packet { key, bytes: bytes.to_vec() };
                 self.push(at_ns, Event::Input { vehicle: to, input });
             }
         }
     }
 
+    /// Distance between two vehicles; none where truth is not known, so that the radio reaches.
+    fn apart_m(&self, a: usize, b: usize) -> f64 {
+        let place = |vehicle| self.stage.truth(vehicle, self.now_ns).map(|pose| pose.translation.vector);
+        place(a).zip(place(b)).map_or(0.0, |(a, b)| (a - b).norm())
+    }
+
     fn stamp(&self, vehicle: usize) -> Stamp {
-        Stamp::from_nanos(self.world.stamp_ns(vehicle, self.now_ns))
+        Stamp::from_nanos(self.stage.stamp_ns(vehicle, self.now_ns))
     }
 
     fn push(&mut self, at_ns: i64, event: Event) {
@@ -345,8 +359,8 @@ mod tests {
         let mean = |error: &dyn Fn(usize) -> f64| (0..5).map(error).sum::<f64>() / 5.0;
         let estimate = mean(&|vehicle| fleet.position_error_m(vehicle));
         let reckoned = mean(&|vehicle| {
-            let truth = fleet.world().truth(vehicle, 20_000_000_000).translation.vector;
-            (fleet.world().dead_reckoning(vehicle).translation.vector - truth).norm()
+            let truth = fleet.stage().pose(vehicle, 20_000_000_000).translation.vector;
+            (fleet.stage().dead_reckoning(vehicle).translation.vector - truth).norm()
         });
         eprintln!("estimate {estimate} m, dead reckoning {reckoned} m");
         eprintln!("{}", serde_json::to_string_pretty(fleet.health(0).unwrap()).unwrap());

@@ -33,5 +33,7 @@ pub mod tum;
 pub mod plot;
 
 pub mod fleet;
+pub mod recorded;
+pub mod stage;
 pub mod world;
 pub mod experiment;

@@ -3,6 +3,7 @@
 //! The same world feeds a virtual fleet, live agents and the bare solver, so all three fly the same sample.
 
 use crate::scenario::{Scenario, Start};
+use crate::stage::Stage;
 use crate::sensor::{Noise, Odometry, Reading, RelativeSensor, Sight};
 use crate::streams::{Purpose, Streams};
 use crate::truth::Pose;
@@ -86,28 +87,10 @@ impl World {
         &self.scenario
     }
 
-    /// How many vehicles there are.
-    #[must_use]
-    pub fn len(&self) -> usize {
-        self.vehicles.len()
-    }
-
-    /// Whether there are none.
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.vehicles.is_empty()
-    }
-
     /// A vehicle's name.
     #[must_use]
     pub fn name(&self, vehicle: usize) -> Name {
         self.vehicles[vehicle].name
-    }
-
-    /// Length of a round.
-    #[must_use]
-    pub const fn period_ns(&self) -> i64 {
-        self.period_ns
     }
 
     /// When the flight begins (everyone stands) and ends.
@@ -116,29 +99,9 @@ impl World {
         (-nanos(self.scenario.standstill_s), nanos(self.scenario.duration_s))
     }
 
-    /// What a vehicle's clock shows at a time of the simulation.
-    #[must_use]
-    pub fn stamp_ns(&self, vehicle: usize, at_ns: i64) -> i64 {
-        self.epoch_ns + at_ns + self.vehicles[vehicle].ahead_ns
-    }
-
-    /// The time of the simulation at which a vehicle's clock shows a stamp.
-    #[must_use]
-    pub fn time_ns(&self, vehicle: usize, stamp_ns: i64) -> i64 {
-        stamp_ns - self.epoch_ns - self.vehicles[vehicle].ahead_ns
-    }
-
-    /// The first round instant of a vehicle's clock at or after a time of the simulation.
-    #[must_use]
-    pub fn first_instant_ns(&self, vehicle: usize, from_ns: i64) -> i64 {
-        let stamp = self.stamp_ns(vehicle, from_ns);
-        let rounds = stamp.div_euclid(self.period_ns) + i64::from(stamp.rem_euclid(self.period_ns) > 0);
-        self.time_ns(vehicle, rounds * self.period_ns)
-    }
-
     /// Where a vehicle is.
     #[must_use]
-    pub fn truth(&self, vehicle: usize, at_ns: i64) -> Pose {
+    pub fn pose(&self, vehicle: usize, at_ns: i64) -> Pose {
         self.scenario.team.vehicles()[vehicle].trajectory.pose_at(seconds(at_ns))
     }
 
@@ -146,14 +109,6 @@ impl World {
     #[must_use]
     pub fn dead_reckoning(&self, vehicle: usize) -> &Pose {
         &self.vehicles[vehicle].dead_reckoning
-    }
-
-    /// Everything that a vehicle's drivers bring for the round that ends at `instant_ns`: what it measured in it, then
-    /// its odometry. Must be asked for every round once, in order.
-    pub fn round(&mut self, vehicle: usize, instant_ns: i64) -> Vec<Delivery> {
-        let mut deliveries = self.measure(vehicle, instant_ns);
-        deliveries.push(self.odometry(vehicle, instant_ns));
-        deliveries
     }
 
     fn odometry(&mut self, vehicle: usize, instant_ns: i64) -> Delivery {
@@ -185,10 +140,10 @@ impl World {
         }
         let delay_ns = nanos(self.scenario.sensor.delivery_delay_s);
         let taken_ns = nanos(taken_s);
-        let observer = self.truth(vehicle, taken_ns);
-        let targets: Vec<(usize, Pose)> = (0..self.len())
+        let observer = self.pose(vehicle, taken_ns);
+        let targets: Vec<(usize, Pose)> = (0..self.vehicles.len())
             .filter(|target| *target != vehicle)
-            .map(|target| (target, self.truth(target, taken_ns)))
+            .map(|target| (target, self.pose(target, taken_ns)))
             .collect();
         let simulated = &mut self.vehicles[vehicle];
         let mut seen: Vec<(usize, Reading)> = Vec::new();
@@ -213,9 +168,47 @@ impl World {
         seen.into_iter().map(delivery).collect()
     }
 
-    /// The daemon's configuration of a vehicle: what its user would have written.
+    /// The random streams of this sample.
     #[must_use]
-    pub fn config(&self, vehicle: usize, boot: u64) -> Config {
+    pub const fn streams(&self) -> Streams {
+        self.streams
+    }
+}
+
+impl Stage for World {
+    fn vehicles(&self) -> usize {
+        self.vehicles.len()
+    }
+
+    fn begins_ns(&self) -> i64 {
+        self.span_ns().0
+    }
+
+    fn period_ns(&self) -> i64 {
+        self.period_ns
+    }
+
+    fn stamp_ns(&self, vehicle: usize, at_ns: i64) -> i64 {
+        self.epoch_ns + at_ns + self.vehicles[vehicle].ahead_ns
+    }
+
+    fn time_ns(&self, vehicle: usize, stamp_ns: i64) -> i64 {
+        stamp_ns - self.epoch_ns - self.vehicles[vehicle].ahead_ns
+    }
+
+    fn truth(&self, vehicle: usize, at_ns: i64) -> Option<Pose> {
+        Some(self.pose(vehicle, at_ns))
+    }
+
+    /// What it measured in the round, then its odometry.
+    fn round(&mut self, vehicle: usize, instant_ns: i64) -> Vec<Delivery> {
+        let mut deliveries = self.measure(vehicle, instant_ns);
+        deliveries.push(self.odometry(vehicle, instant_ns));
+        deliveries
+    }
+
+    /// What its user would have written.
+    fn config(&self, vehicle: usize, boot: u64) -> Config {
         let entry = &self.scenario.team.vehicles()[vehicle];
         let period = Span::from_nanos(self.period_ns);
         let sensor = |name: &str, mount: &Pose| SensorConfig {
@@ -244,17 +237,9 @@ impl World {
         }
     }
 
-    /// A boot id, drawn for the nth start of a vehicle.
-    #[must_use]
-    pub fn boot(&self, vehicle: usize, start: usize) -> u64 {
+    fn boot(&self, vehicle: usize, start: usize) -> u64 {
         let mut stream = self.streams.vehicle(vehicle, Purpose::VehicleSoftware);
         (0..=start).map(|_| stream.random()).last().unwrap_or_default()
-    }
-
-    /// The random streams of this sample.
-    #[must_use]
-    pub const fn streams(&self) -> Streams {
-        self.streams
     }
 }
 
@@ -286,7 +271,7 @@ pub fn transform<To, From>(pose: &Pose) -> Transform<To, From> {
 
 /// An estimator's pose as truth writes it.
 #[must_use]
-pub fn pose<To, From>(transform: &Transform<To, From>) -> Pose {
+pub fn from_transform<To, From>(transform: &Transform<To, From>) -> Pose {
     Pose::from_parts(transform.translation.into(), transform.rotation)
 }
 

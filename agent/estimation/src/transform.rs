@@ -166,7 +166,8 @@ impl<To, From> Transform<To, From> {
     #[must_use]
     pub fn retract(&self, rotation: &Vector3<f64>, translation: &Vector3<f64>) -> Self {
         let mut turned = self.rotation * so3::exp(rotation);
-        turned.renormalize();
+        // Both factors are unit to rounding, so one Newton step removes what rounding adds.
+        turned.renormalize_fast();
         Self::new(turned, self.translation + translation)
     }
 

@@ -316,7 +316,9 @@ impl Vehicle {
                 Some(prior) => material.build(&mut self.star, prior),
                 None => Ok(material.without_prior()),
             };
-            let Ok(built) = built else {
+            // A round with nothing to solve costs nothing while it waits for the next one: a first contact still counts.
+            let idle = |built: &Built| built.edges() == 0 && self.rounds.open.is_empty() && !deadline_passed;
+            let Some(built) = built.ok().filter(|built| !idle(built)) else {
                 self.rounds.open.push_front(round);
                 return;
             };

@@ -6,6 +6,7 @@ use crate::fleet::Fleet;
 use crate::plot::{self, ErrorCurve, ErrorPoint, Path, PathKind, PlotError};
 use crate::scenario::Scenario;
 use crate::sensor::{Kind, KindChange};
+use crate::stage::Stage;
 use crate::statistics::{ErrorSummary, PoseError};
 use crate::world::{World, nanos};
 use rayon::prelude::*;
@@ -182,7 +183,7 @@ fn fly(scenario: &Scenario, sample: u64, request: &Request) -> Result<Vec<PoseEr
     if request.engine == Engine::SolverOnly {
         let flown = solver_only::fly(&mut world, &request.optimiser)?;
         let error = |(k, estimates): (usize, &Vec<crate::truth::Pose>)| {
-            PoseError::between(&world.truth(0, k as i64 * period_ns), &estimates[0])
+            PoseError::between(&world.pose(0, k as i64 * period_ns), &estimates[0])
         };
         return Ok(flown.iter().enumerate().map(error).collect());
     }
@@ -294,13 +295,13 @@ pub fn figure_6(seed: u64) -> Result<Figure6, PlotError> {
     for kind in KINDS {
         scenario.sensor.kind = kind;
         let mut fleet = Fleet::new(&scenario, 0);
-        let period_ns = fleet.world().period_ns();
+        let period_ns = fleet.stage().period_ns();
         let (mut truth, mut reckoned, mut estimated) = (Vec::new(), Vec::new(), Vec::new());
         for k in 0..=nanos(scenario.duration_s) / period_ns {
             fleet.run_until(k * period_ns + 1);
             let planar = |pose: &crate::truth::Pose| (pose.translation.x, pose.translation.y);
-            truth.push(planar(&fleet.world().truth(0, k * period_ns)));
-            reckoned.push(planar(fleet.world().dead_reckoning(0)));
+            truth.push(planar(&fleet.stage().pose(0, k * period_ns)));
+            reckoned.push(planar(fleet.stage().dead_reckoning(0)));
             fleet.run_until((k + 1) * period_ns);
             estimated.extend(fleet.scored(0).map(|(_, estimate)| planar(&estimate)));
         }

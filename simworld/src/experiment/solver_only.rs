@@ -3,7 +3,8 @@
 //! It is fast, and it is the second opinion on [`crate::fleet`]: over a perfect radio both must tell the same.
 
 use crate::truth::Pose;
-use crate::world::{World, pose, transform};
+use crate::stage::Stage;
+use crate::world::{World, from_transform, transform};
 use nalgebra::Vector3;
 use skein_estimation::cooperative::{Measurement, Noise, Optimiser, Refusal, Star, StarWorkspace};
 use skein_estimation::{Body, Sensor, Transform, World as WorldFrame, so3};
@@ -24,12 +25,12 @@ pub enum NotBare {
 pub fn fly(world: &mut World, optimiser: &Optimiser) -> Result<Vec<Vec<Pose>>, NotBare> {
     let period_ns = world.period_ns();
     let (start_ns, end_ns) = world.span_ns();
-    let team = world.len();
+    let team = world.vehicles();
     if (0..team).any(|vehicle| world.first_instant_ns(vehicle, 0) != 0) {
         return Err(NotBare::Times);
     }
     let mut estimates: Vec<Transform<WorldFrame, Body>> =
-        (0..team).map(|vehicle| transform(&world.truth(vehicle, 0))).collect();
+        (0..team).map(|vehicle| transform(&world.pose(vehicle, 0))).collect();
     let mounts: Vec<Transform<Body, Sensor>> =
         (0..team).map(|vehicle| world.config(vehicle, 0).sensors[1].body_from_sensor).collect();
     let mut workspace = StarWorkspace::new();
@@ -81,7 +82,7 @@ pub fn fly(world: &mut World, optimiser: &Optimiser) -> Result<Vec<Vec<Pose>>, N
             estimates[me] = star.solve(&mut workspace, optimiser).world_from_body.reframe();
         }
         if instant_ns >= 0 {
-            flown.push(estimates.iter().map(pose).collect());
+            flown.push(estimates.iter().map(from_transform).collect());
         }
         instant_ns += period_ns;
     }
@@ -121,7 +122,7 @@ mod tests {
     fn agree(scenario: &Scenario) {
         let bare = fly(&mut World::new(scenario, 0), &Optimiser::gauss_newton()).unwrap();
         let mut fleet = Fleet::new(scenario, 0);
-        let period_ns = fleet.world().period_ns();
+        let period_ns = fleet.stage().period_ns();
         for (k, estimates) in bare.iter().enumerate() {
             fleet.run_until((k as i64 + 1) * period_ns);
             for (vehicle, bare) in estimates.iter().enumerate() {

@@ -4,7 +4,7 @@
 //! are `T_a O_a`. A perturbation `(w, delta)` of `T` is the perturbation `(Ro^T w, delta - R [t_o]x w)` of `T O`,
 //! i.e. `[[Ro^T, 0], [-R [t_o]x, I]]`; everything here goes through that matrix.
 
-use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix6, SMatrix, UnitQuaternion, Vector3, Vector6};
 
 use super::measurement::{
     COINCIDENT_BELOW_M, End, Gradient, Jacobian, Kind, Measurement, Noise, Orientation, Position,
@@ -236,6 +236,8 @@ impl Edge {
         to_node: &Node,
         normal: &mut Sums<'_>,
     ) -> f64 {
+        let relative = from_node.rotation.inverse() * to_node.rotation;
+        let from_from_to = relative.to_rotation_matrix().into_inner();
         match (&self.weight, &self.measurement) {
             (Weight::Information(information), Measurement::Pose(pose)) => {
                 let (from, to) = (self.from_offset.end(from_node), self.to_offset.end(to_node));
@@ -247,14 +249,10 @@ impl Edge {
                 residual.dot(&(information * residual))
             }
             (weight, Measurement::Pose(pose)) => {
-                let from_from_to = (from_node.rotation.inverse() * to_node.rotation)
-                    .to_rotation_matrix()
-                    .into_inner();
                 self.add_turn(
                     weight.of_rotation(),
                     pose.orientation(),
-                    from_node,
-                    to_node,
+                    &relative,
                     &from_from_to,
                     normal,
                 ) + self.add_shift(
@@ -266,32 +264,21 @@ impl Edge {
                     normal,
                 )
             }
-            (weight, Measurement::Orientation(orientation)) => {
-                let from_from_to = (from_node.rotation.inverse() * to_node.rotation)
-                    .to_rotation_matrix()
-                    .into_inner();
-                self.add_turn(
-                    weight.of_rotation(),
-                    orientation,
-                    from_node,
-                    to_node,
-                    &from_from_to,
-                    normal,
-                )
-            }
-            (weight, Measurement::Position(position)) => {
-                let from_from_to = (from_node.rotation.inverse() * to_node.rotation)
-                    .to_rotation_matrix()
-                    .into_inner();
-                self.add_shift(
-                    weight.of_translation(),
-                    position,
-                    from_node,
-                    to_node,
-                    &from_from_to,
-                    normal,
-                )
-            }
+            (weight, Measurement::Orientation(orientation)) => self.add_turn(
+                weight.of_rotation(),
+                orientation,
+                &relative,
+                &from_from_to,
+                normal,
+            ),
+            (weight, Measurement::Position(position)) => self.add_shift(
+                weight.of_translation(),
+                position,
+                from_node,
+                to_node,
+                &from_from_to,
+                normal,
+            ),
             (weight, Measurement::Bearing(bearing)) => {
                 let (from, to) = (self.from_offset.end(from_node), self.to_offset.end(to_node));
                 let (residual, by_turn, by_delta) = match weight {
@@ -326,18 +313,16 @@ impl Edge {
 
     /// Adds an orientation residual. Its Jacobians are rotations of `Jr^-1(phi)`, and `Jr^-T phi = phi`, so with the
     /// disagreement `psi` seen in the node that is measured and `M = R_i^T R_j` of the nodes the parts are closed
-    /// forms: `H_jj = G(psi)`, `H_ij = -M G(psi)`, `H_ii = G(M psi)`, `g_j = psi`, `g_i = -M psi`, `G = Jr^-T Jr^-1`.
+    /// forms: `H_jj = G(psi)`, `H_ij = -M G(psi)`, `H_ii = M G(psi) M^T`, `g_j = psi`, `g_i = -M psi`, `G = Jr^-T Jr^-1`.
     fn add_turn(
         &self,
         weight: f64,
         orientation: &Orientation,
-        from: &Node,
-        to: &Node,
+        relative: &UnitQuaternion<f64>,
         from_from_to: &Matrix3<f64>,
         normal: &mut Sums<'_>,
     ) -> f64 {
         let (from_offset, to_offset) = (&self.from_offset, &self.to_offset);
-        let relative = from.rotation.inverse() * to.rotation;
         let psi = if from_offset.is_identity && to_offset.is_identity {
             so3::log(&(orientation.rotation().inverse() * relative))
         } else {
@@ -349,13 +334,9 @@ impl Edge {
         };
         let in_from = from_from_to * psi;
         let to_to = so3::right_jacobian_inverse_gram(&psi) * weight;
-        add_block(
-            normal.from_from,
-            0,
-            0,
-            &(so3::right_jacobian_inverse_gram(&in_from) * weight),
-        );
-        normal.add_pair(0, 0, &-(from_from_to * to_to));
+        let turned = from_from_to * to_to;
+        add_block(normal.from_from, 0, 0, &(turned * from_from_to.transpose()));
+        normal.add_pair(0, 0, &-turned);
         add_block(normal.to_to, 0, 0, &to_to);
         add_rows(normal.from, 0, &(-weight * in_from));
         add_rows(normal.to, 0, &(weight * psi));

@@ -1,0 +1,396 @@
+//! Real robots flown again: a recording as the drivers of its robots would have brought it, and the score against
+//! motion capture. Truth gives the start poses and the score; the vehicles see nothing else of it.
+
+use crate::calibration::{Calibration, Readings};
+use crate::evaluation::{Scored, Space, TeamScore, score_team};
+use crate::mrclam::{Recording, Subject};
+use crate::stage::Stage;
+use crate::truth::{Pose, yaw_rad};
+use crate::tum::StampedPose;
+use crate::world::{Delivery, numbers, transform};
+use serde::Serialize;
+use skein_estimation::Transform;
+use skein_estimation::cooperative::Optimiser;
+use skein_estimation::time::Span;
+use skein_proto::frame::{Frame, OdometryFrame, RelativeFrame, RelativeValue};
+use skein_proto::name::Name;
+use skein_vehicle::{Config, SensorConfig, Start};
+
+/// Length of one odometry increment, made from the commands that held in it.
+const ODOMETRY_NS: i64 = 50_000_000;
+/// Truth is not interpolated across longer gaps.
+const TRUTH_GAP_NS: i64 = 500_000_000;
+/// The recordings are used from here on: every robot has truth and moves.
+const SKIPPED_NS: i64 = 10_000_000_000;
+/// Smallest standard deviation of an increment in rad and m: a robot that stands still is sure, not certain.
+const SIGMA_MIN: f64 = 1e-4;
+/// The rounds of the vehicles, as everywhere.
+const PERIOD_NS: i64 = 200_000_000;
+/// How many seconds the vehicles are given to find each other before the recording moves.
+const STANDSTILL_NS: i64 = 3_000_000_000;
+const ODOMETRY: &str = "odometry";
+const CAMERA: &str = "camera";
+
+/// A recording, cut at the start and turned into frames. Zero is its first common time; until then everyone stands.
+#[derive(Debug)]
+pub struct Recorded {
+    recording: Recording,
+    calibration: Calibration,
+    start_ns: i64,
+    end_ns: i64,
+    starts: Vec<Pose>,
+    frames: Vec<Vec<Delivery>>,
+    next: Vec<usize>,
+}
+
+/// A recording that cannot be flown.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("robot {robot} has no truth at the common start, 10 s into the recording")]
+pub struct NoStart {
+    /// Which robot, from 1.
+    pub robot: usize,
+}
+
+fn fixed(name: &str) -> Name {
+    Name::parse(name).expect("lower-case letters only")
+}
+
+impl Recorded {
+    /// Prepares a recording. Fails when a robot has no truth to start from.
+    pub fn new(recording: Recording, calibration: Calibration) -> Result<Self, NoStart> {
+        let start_ns = (recording.start_ns() + SKIPPED_NS).div_euclid(PERIOD_NS) * PERIOD_NS;
+        let end_ns = recording.end_ns();
+        let start = |(robot, record): (usize, &crate::mrclam::RobotRecord)| {
+            record.truth.pose_at(start_ns, TRUTH_GAP_NS).ok_or(NoStart { robot: robot + 1 })
+        };
+        let starts: Vec<Pose> = recording.robots.iter().enumerate().map(start).collect::<Result<_, _>>()?;
+        let mut recorded = Self {
+            next: vec![0; starts.len()],
+            frames: Vec::new(),
+            recording,
+            calibration,
+            start_ns,
+            end_ns,
+            starts,
+        };
+        recorded.frames = (0..recorded.starts.len()).map(|robot| recorded.make_frames(robot)).collect();
+        Ok(recorded)
+    }
+
+    /// Length of the flight, the standstill not counted.
+    #[must_use]
+    pub const fn duration_ns(&self) -> i64 {
+        self.end_ns - self.start_ns
+    }
+
+    /// UNIX time of its zero.
+    #[must_use]
+    pub const fn start_unix_ns(&self) -> i64 {
+        self.start_ns
+    }
+
+    /// All frames of one robot in the order of their arrival.
+    #[must_use]
+    pub fn frames(&self, robot: usize) -> &[Delivery] {
+        &self.frames[robot]
+    }
+
+    fn make_frames(&self, robot: usize) -> Vec<Delivery> {
+        let record = &self.recording.robots[robot];
+        let mut frames = Vec::new();
+        let mut from_ns = self.start_ns - STANDSTILL_NS;
+        while from_ns + ODOMETRY_NS <= self.end_ns {
+            let to_ns = from_ns + ODOMETRY_NS;
+            let moves = to_ns > self.start_ns;
+            let increment = self.calibration.increment(&record.commands, from_ns, to_ns);
+            let motion = if moves { increment.earlier_from_later } else { Pose::identity() };
+            let frame = OdometryFrame {
+                since_ns: from_ns,
+                taken_ns: to_ns,
+                motion: numbers(&motion),
+                rotation_sigma_rad: increment.yaw_std_rad.max(SIGMA_MIN),
+                translation_sigma_m: increment.along_std_m.max(SIGMA_MIN),
+            };
+            frames.push(Delivery { at_ns: to_ns - self.start_ns, sensor: fixed(ODOMETRY), frame: Frame::Odometry(frame) });
+            from_ns = to_ns;
+        }
+        let readings = self.calibration.readings(record, Readings::OfRobots);
+        let lag_ns = crate::world::nanos(self.calibration.camera_lag_s);
+        for reading in readings.filter(|reading| reading.time_ns > self.start_ns && reading.time_ns < self.end_ns) {
+            let Subject::Robot(target) = reading.subject else { continue };
+            let (sin, cos) = reading.bearing_rad.sin_cos();
+            // The robots stand on one floor, and their cameras and barcodes at one height.
+            let position_m = [reading.range_m * cos, reading.range_m * sin, 0.0];
+            let sigma_m = reading.range_std_m.max(reading.range_m * reading.bearing_std_rad).max(SIGMA_MIN);
+            let frame = RelativeFrame {
+                taken_ns: reading.time_ns,
+                target: self.name(target),
+                value: RelativeValue::Position { position_m, sigma_m },
+            };
+            frames.push(Delivery {
+                at_ns: reading.time_ns + lag_ns - self.start_ns,
+                sensor: fixed(CAMERA),
+                frame: Frame::Relative(frame),
+            });
+        }
+        frames.sort_by_key(|delivery| delivery.at_ns);
+        frames
+    }
+
+    /// A robot's name in the fleet.
+    #[must_use]
+    pub fn name(&self, robot: usize) -> Name {
+        Name::parse(&format!("robot{}", robot + 1)).expect("letters and a digit")
+    }
+
+    /// Dead reckoning by a robot's odometry alone at later times, each after the one before.
+    #[must_use]
+    pub fn dead_reckoning(&self, robot: usize, at_ns: &[i64]) -> Vec<Pose> {
+        let times = at_ns.iter().map(|at| at + self.start_ns);
+        let record = &self.recording.robots[robot];
+        self.calibration.dead_reckoning(&record.commands, &self.starts[robot], self.start_ns, times)
+    }
+}
+
+impl Stage for Recorded {
+    fn vehicles(&self) -> usize {
+        self.starts.len()
+    }
+
+    fn begins_ns(&self) -> i64 {
+        -STANDSTILL_NS
+    }
+
+    fn period_ns(&self) -> i64 {
+        PERIOD_NS
+    }
+
+    fn stamp_ns(&self, _: usize, at_ns: i64) -> i64 {
+        self.start_ns + at_ns
+    }
+
+    fn time_ns(&self, _: usize, stamp_ns: i64) -> i64 {
+        stamp_ns - self.start_ns
+    }
+
+    fn truth(&self, vehicle: usize, at_ns: i64) -> Option<Pose> {
+        self.recording.robots[vehicle].truth.pose_at(self.start_ns + at_ns, TRUTH_GAP_NS)
+    }
+
+    fn boot(&self, vehicle: usize, start: usize) -> u64 {
+        (vehicle as u64 + 1) << 32 | start as u64
+    }
+
+    fn config(&self, vehicle: usize, boot: u64) -> Config {
+        let sensor = |name| SensorConfig {
+            name: fixed(name),
+            driver: "replay".to_owned(),
+            body_from_sensor: Transform::identity(),
+        };
+        Config {
+            vehicle: self.name(vehicle),
+            boot,
+            period: Span::from_nanos(PERIOD_NS),
+            round_wait: Span::from_nanos(PERIOD_NS / 2 * 3),
+            start: Start::Pose(transform(&self.starts[vehicle])),
+            optimiser: Optimiser::gauss_newton(),
+            sensors: vec![sensor(ODOMETRY), sensor(CAMERA)],
+            body_from_target: Transform::identity(),
+            presence_timeout: Span::secs(3),
+            repeats: 3,
+            estimate_spacing: Span::millis(20),
+        }
+    }
+
+    fn round(&mut self, vehicle: usize, instant_ns: i64) -> Vec<Delivery> {
+        let from = self.next[vehicle];
+        let frames = &self.frames[vehicle][from..];
+        let count = frames.partition_point(|delivery| delivery.at_ns <= instant_ns);
+        self.next[vehicle] = from + count;
+        frames[..count].to_vec()
+    }
+}
+
+/// Estimates of every robot over time, to be scored: `[instant][robot]` is when (since the zero) and where.
+#[derive(Clone, Debug, Default)]
+pub struct Flown {
+    instants: Vec<Vec<Option<(i64, Pose)>>>,
+}
+
+/// The scores of one flight.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ReplayScore {
+    /// Of the estimates.
+    pub team: Score,
+    /// Of odometry alone at the same times.
+    pub dead_reckoning: Score,
+    /// One row a robot.
+    pub robots: Vec<RobotScore>,
+}
+
+/// The team's score.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Score {
+    /// Poses scored.
+    pub poses: usize,
+    /// RMSE of the position.
+    pub position_rmse_m: f64,
+    /// Mean of the position error.
+    pub position_mean_m: f64,
+    /// RMSE of the heading.
+    pub heading_rmse_rad: f64,
+    /// RMSE of the positions after the whole team is laid onto the truth at each instant.
+    pub instant_rmse_m: f64,
+    /// RMSE of each robot's position in each other's frame.
+    pub relative_rmse_m: f64,
+}
+
+/// One robot's score.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RobotScore {
+    /// Its name.
+    pub robot: String,
+    /// RMSE of the position.
+    pub position_rmse_m: f64,
+    /// Mean of the position error.
+    pub position_mean_m: f64,
+    /// RMSE of the heading.
+    pub heading_rmse_rad: f64,
+    /// The same of odometry alone.
+    pub dead_reckoning_rmse_m: f64,
+}
+
+impl From<TeamScore> for Score {
+    fn from(score: TeamScore) -> Self {
+        Self {
+            poses: score.n_poses,
+            position_rmse_m: score.position_rmse_m,
+            position_mean_m: score.position_mean_m,
+            heading_rmse_rad: score.heading_rmse_rad,
+            instant_rmse_m: score.instant_rmse_m,
+            relative_rmse_m: score.relative_rmse_m,
+        }
+    }
+}
+
+impl Flown {
+    /// Adds the newest estimates of all robots at one instant.
+    pub fn push(&mut self, estimates: Vec<Option<(i64, Pose)>>) {
+        self.instants.push(estimates);
+    }
+
+    /// Scores everything against the truth of the recording; none when there is nothing to score.
+    #[must_use]
+    pub fn score(&self, recorded: &Recorded) -> Option<ReplayScore> {
+        let estimates = self.scored(recorded, |_, _, estimate| estimate);
+        let reckoned: Vec<Vec<Pose>> = (0..recorded.vehicles()).map(|robot| self.reckon(recorded, robot)).collect();
+        let odometry = self.scored(recorded, |instant, robot, _| reckoned[robot][instant]);
+        let robots = (0..recorded.vehicles()).map(|robot| {
+            let of = |all: &[Vec<Option<Scored>>]| robot_errors(all, robot);
+            let (position, heading) = of(&estimates);
+            let (by_odometry, _) = of(&odometry);
+            RobotScore {
+                robot: recorded.name(robot).to_string(),
+                position_rmse_m: root_mean_square(&position),
+                position_mean_m: position.iter().sum::<f64>() / position.len() as f64,
+                heading_rmse_rad: root_mean_square(&heading),
+                dead_reckoning_rmse_m: root_mean_square(&by_odometry),
+            }
+        });
+        Some(ReplayScore {
+            team: score_team(&estimates, Space::Planar)?.into(),
+            dead_reckoning: score_team(&odometry, Space::Planar)?.into(),
+            robots: robots.collect(),
+        })
+    }
+
+    /// Odometry alone at the times of a robot's estimates; where it has none, at the time before.
+    fn reckon(&self, recorded: &Recorded, robot: usize) -> Vec<Pose> {
+        let mut last = 0;
+        let times: Vec<i64> = self
+            .instants
+            .iter()
+            .map(|estimates| {
+                last = estimates[robot].map_or(last, |(at_ns, _)| at_ns.max(last));
+                last
+            })
+            .collect();
+        recorded.dead_reckoning(robot, &times)
+    }
+
+    fn scored(&self, recorded: &Recorded, of: impl Fn(usize, usize, Pose) -> Pose) -> Vec<Vec<Option<Scored>>> {
+        let score = |instant: usize, robot: usize, estimate: &Option<(i64, Pose)>| {
+            let (at_ns, pose) = (*estimate)?;
+            let truth = recorded.truth(robot, at_ns)?;
+            Some(Scored { truth, estimate: of(instant, robot, pose) })
+        };
+        let instants = self.instants.iter().enumerate();
+        instants
+            .map(|(instant, all)| all.iter().enumerate().map(|(robot, one)| score(instant, robot, one)).collect())
+            .collect()
+    }
+
+    /// Truth, estimate and odometry of one robot, in that order.
+    #[must_use]
+    pub fn trajectories(&self, recorded: &Recorded, robot: usize) -> [Vec<StampedPose>; 3] {
+        let mut tracks: [Vec<StampedPose>; 3] = Default::default();
+        let reckoned = self.reckon(recorded, robot);
+        for (estimates, reckoned) in self.instants.iter().zip(reckoned) {
+            let Some((at_ns, estimate)) = estimates[robot] else { continue };
+            let time_s = (recorded.start_ns + at_ns) as f64 * 1e-9;
+            tracks[0].extend(recorded.truth(robot, at_ns).map(|pose| StampedPose { time_s, pose }));
+            tracks[1].push(StampedPose { time_s, pose: estimate });
+            tracks[2].push(StampedPose { time_s, pose: reckoned });
+        }
+        tracks
+    }
+}
+
+/// Position errors (m) and heading errors (rad) of one robot.
+fn robot_errors(all: &[Vec<Option<Scored>>], robot: usize) -> (Vec<f64>, Vec<f64>) {
+    let scored = all.iter().filter_map(|instant| instant[robot].as_ref());
+    scored
+        .map(|Scored { truth, estimate }| {
+            let apart = (truth.translation.vector - estimate.translation.vector).xy().norm();
+            (apart, crate::truth::wrapped_rad(yaw_rad(estimate) - yaw_rad(truth)))
+        })
+        .unzip()
+}
+
+fn root_mean_square(errors: &[f64]) -> f64 {
+    (errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::datasets;
+    use crate::fleet::{Fleet, pose_of};
+    use crate::radio::{Radio, RadioSettings};
+    use crate::streams::Streams;
+
+    #[test]
+    fn five_real_robots_hold_each_other_far_better_than_their_wheels_do() {
+        let Some(folder) = datasets::find("mrclam6") else { return };
+        let recording = datasets::read_mrclam(&folder).unwrap();
+        let recorded = Recorded::new(recording, Calibration::default()).unwrap();
+        let end_ns = recorded.duration_ns();
+        let radio = Radio::new(&RadioSettings::default(), Streams::new(1, 0));
+        let mut fleet = Fleet::on(recorded, radio, |_, config| config);
+        let mut flown = Flown::default();
+        let mut at_ns = 0;
+        while at_ns <= end_ns {
+            fleet.run_until(at_ns + 1);
+            let newest = |robot| {
+                let estimate = fleet.estimate(robot)?;
+                Some((fleet.stage().time_ns(robot, estimate.taken_ns), pose_of(estimate.pose.as_ref()?)))
+            };
+            flown.push((0..fleet.len()).map(newest).collect());
+            at_ns += PERIOD_NS;
+        }
+        let score = flown.score(fleet.stage()).unwrap();
+        println!("{score:#?}");
+        println!("{}", serde_json::to_string_pretty(fleet.health(0).unwrap()).unwrap());
+        assert!(score.team.position_rmse_m < 1.35 && score.team.relative_rmse_m < 0.85, "{score:?}");
+    }
+}
