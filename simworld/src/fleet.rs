@@ -141,6 +141,12 @@ impl<S: Stage> Fleet<S> {
         &self.stage
     }
 
+    /// Ends the flight and gives the stage back.
+    #[must_use]
+    pub fn into_stage(self) -> S {
+        self.stage
+    }
+
     /// The air between the vehicles, with its counts.
     #[must_use]
     pub const fn radio(&self) -> &Radio {

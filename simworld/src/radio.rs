@@ -51,6 +51,14 @@ fn reach<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<Option<f64
     positive(deserializer).map(Some)
 }
 
+impl RadioSettings {
+    /// Whether one of two vehicles is silenced at a time, in seconds since the start of the motion.
+    #[must_use]
+    pub fn is_silenced(&self, now_s: f64, from: usize, to: usize) -> bool {
+        self.silences.iter().any(|silence| silence.silences(now_s, from, to))
+    }
+}
+
 impl Default for RadioSettings {
     fn default() -> Self {
         Self {
@@ -173,12 +181,7 @@ impl Radio {
         {
             link.count.out_of_range += 1;
             Verdict::Lost(Reason::OutOfRange)
-        } else if self
-            .settings
-            .silences
-            .iter()
-            .any(|silence| silence.silences(now_s, from, to))
-        {
+        } else if self.settings.is_silenced(now_s, from, to) {
             link.count.silenced += 1;
             Verdict::Lost(Reason::Silenced)
         } else if unlucky {

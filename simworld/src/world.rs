@@ -81,6 +81,19 @@ impl World {
         }
     }
 
+    /// The same world begun at another UNIX time of k = 0, rounded down to a whole period: for a live flight.
+    #[must_use]
+    pub const fn at_unix_time(mut self, zero_ns: i64) -> Self {
+        self.epoch_ns = zero_ns.div_euclid(self.period_ns) * self.period_ns;
+        self
+    }
+
+    /// How far a vehicle's clock is ahead of the simulation's.
+    #[must_use]
+    pub fn clock_ahead_ns(&self, vehicle: usize) -> i64 {
+        self.vehicles[vehicle].ahead_ns
+    }
+
     /// What is flown.
     #[must_use]
     pub const fn scenario(&self) -> &Scenario {

@@ -2,10 +2,11 @@
 
 use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
-use miette::{Context, IntoDiagnostic};
+use crate::files::write;
+use miette::IntoDiagnostic;
 use skein_estimation::cooperative::Optimiser;
 use skein_simworld::experiment::cooperative::{self, CellResult, Engine, Request};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Which experiment.
 #[derive(Debug, Subcommand)]
@@ -86,13 +87,4 @@ fn cooperative(arguments: &CooperativeArguments) -> miette::Result<()> {
 /// A pool of the threads asked for.
 fn rayon_pool(threads: Option<usize>) -> miette::Result<rayon::ThreadPool> {
     rayon::ThreadPoolBuilder::new().num_threads(threads.unwrap_or(0)).build().into_diagnostic()
-}
-
-/// Writes a file, its folder made where it is missing.
-pub(crate) fn write(folder: &Path, name: &str, text: &str) -> miette::Result<()> {
-    let path = folder.join(name);
-    std::fs::create_dir_all(folder)
-        .and_then(|()| std::fs::write(&path, text))
-        .into_diagnostic()
-        .wrap_err_with(|| format!("cannot write {}", path.display()))
 }

@@ -1,7 +1,13 @@
 //! `skein-sim`: flies scenarios, runs the papers' experiments and replays recordings.
 #![allow(clippy::print_stdout, reason = "tables are what this program is for")]
 
+#[cfg(feature = "live")]
+mod air;
 mod experiment;
+mod files;
+#[cfg(feature = "live")]
+mod fly;
+mod replay;
 
 use clap::{Parser, Subcommand};
 
@@ -15,13 +21,25 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Fly a scenario live: real agents over real Zenoh, a simulated world around them.
+    #[cfg(feature = "live")]
+    Fly(fly::FlyArguments),
     /// Reproduce a paper's experiment in virtual time.
     #[command(subcommand)]
     Experiment(experiment::Experiment),
+    /// Replay a recording of real robots.
+    #[command(subcommand)]
+    Replay(replay::Replay),
 }
 
 fn main() -> miette::Result<()> {
+    let filter = tracing_subscriber::EnvFilter::try_from_default_env()
+        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("warn,zenoh=error"));
+    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
     match Arguments::parse().command {
+        #[cfg(feature = "live")]
+        Command::Fly(arguments) => fly::run(&arguments),
         Command::Experiment(experiment) => experiment::run(&experiment),
+        Command::Replay(replay) => replay::run(&replay),
     }
 }
