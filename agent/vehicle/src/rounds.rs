@@ -53,6 +53,7 @@ pub(crate) struct Fix {
     pub(crate) sensor: Name,
     pub(crate) value: FixValue,
     pub(crate) body_from_sensor: Transform<Body, Sensor>,
+    pub(crate) taken_offset: Span,
 }
 
 /// A reading that waits for its round.
@@ -294,11 +295,7 @@ impl Waiting {
                 measured.check()?;
                 Ok(Reduced::Relative(target, measured))
             }
-            WaitingValue::Fix(value) => Ok(Reduced::Fix(Fix {
-                sensor: self.sensor,
-                value,
-                body_from_sensor,
-            })),
+            WaitingValue::Fix(value) => Ok(Reduced::Fix(Fix { sensor: self.sensor, value, body_from_sensor, taken_offset: Span::micros(i64::from(taken_offset_us)) })),
         }
     }
 }

@@ -346,7 +346,8 @@ impl Vehicle {
             u64::from(solution.status != SolveStatus::Converged),
         );
         self.counts.corrected_at = Some(round.instant);
-        let world_from_body = solution.world_from_body.reframe();
+        let world_from_body =
+            solution.world_from_body.reframe() * built.instant_from_solved.inverse();
         self.reckoning.correct(&odometry, world_from_body);
         self.moved = true;
         for used in &built.used {
@@ -355,8 +356,9 @@ impl Vehicle {
             };
             neighbour.counts.fused += used.edges;
             if let Some(world_from_neighbour) = self.workspace.neighbour(used.index) {
-                let body_from_neighbour =
-                    world_from_body.inverse() * world_from_neighbour.reframe();
+                let world_from_neighbour =
+                    world_from_neighbour.reframe() * used.instant_from_solved.inverse();
+                let body_from_neighbour = world_from_body.inverse() * world_from_neighbour;
                 neighbour.relative = Some(Relative {
                     taken: round.instant,
                     body_from_neighbour,

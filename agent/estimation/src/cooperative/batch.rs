@@ -44,7 +44,7 @@ pub fn solve(
     }
     let mut problem = BatchProblem::new(graph);
     let outcome = optimiser.minimise(&mut problem, observe);
-    let (nodes, singular) = (problem.nodes, problem.singular);
+    let nodes = problem.nodes;
     let mut solution = BatchSolution {
         status: outcome.status,
         iterations: outcome.iterations,
@@ -66,9 +66,7 @@ pub fn solve(
                 test(e, &from, &to)
             })
         };
-        if singular {
-            solution.status = SolveStatus::Degenerate(Degeneracy::Unobservable);
-        } else if any(&|e, from, to| e.edge.is_coincident(from, to)) {
+        if any(&|e, from, to| e.edge.is_coincident(from, to)) {
             solution.status = SolveStatus::Degenerate(Degeneracy::CoincidentEnds);
         } else if any(&|e, from, to| e.edge.is_opposite(from, to)) {
             solution.status = SolveStatus::Degenerate(Degeneracy::OppositeOrientation);
@@ -97,7 +95,6 @@ struct BatchProblem<'a> {
     gradient: Vec<Vector6<f64>>,
     step: Vec<Vector6<f64>>,
     cholesky: Option<Cholesky>,
-    singular: bool,
 }
 
 impl<'a> BatchProblem<'a> {
@@ -161,7 +158,6 @@ impl<'a> BatchProblem<'a> {
             gradient: vec![Vector6::zeros(); unknowns],
             step: vec![Vector6::zeros(); unknowns],
             cholesky: None,
-            singular: false,
         }
     }
 
@@ -251,7 +247,6 @@ impl Problem for BatchProblem<'_> {
             .cholesky
             .get_or_insert_with(|| Cholesky::analyse(&self.hessian));
         if !cholesky.factor(&self.hessian, added) {
-            self.singular |= damping == 0.0;
             return None;
         }
         for (step, gradient) in self.step.iter_mut().zip(&self.gradient) {

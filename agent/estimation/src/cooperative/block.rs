@@ -162,6 +162,16 @@ mod tests {
     }
 
     #[test]
+    fn a_pivot_that_is_only_rounding_is_refused() {
+        let mut matrix = Matrix6::identity();
+        matrix[(5, 5)] = 1e-14;
+        assert!(Factor::new(&matrix, &matrix.diagonal()).is_some());
+        assert!(Factor::new(&matrix, &Vector6::repeat(1.0)).is_none());
+        matrix[(5, 5)] = -1e-14;
+        assert!(Factor::new(&matrix, &Vector6::repeat(1.0)).is_none());
+    }
+
+    #[test]
     fn what_is_not_a_number_is_all_unknown_and_stays_finite() {
         let matrix = Matrix6::from_element(f64::NAN);
         assert!(Factor::new(&matrix, &matrix.diagonal()).is_none());

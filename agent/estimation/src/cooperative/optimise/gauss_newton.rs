@@ -131,3 +131,91 @@ fn raised(damping: f64) -> f64 {
         damping * 10.0
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cooperative::optimise::Step;
+
+    /// `sqrt(1 + x^2)`: beyond |x| = 1 its full Newton step goes further away than it came from.
+    struct Valley {
+        x: f64,
+        trial: f64,
+    }
+
+    fn cost(x: f64) -> f64 {
+        x.hypot(1.0)
+    }
+
+    impl Valley {
+        fn slope(&self) -> f64 {
+            self.x / cost(self.x)
+        }
+    }
+
+    impl Problem for Valley {
+        fn gradient(&mut self) -> f64 {
+            cost(self.x)
+        }
+
+        fn gradient_norm(&self) -> f64 {
+            self.slope().abs()
+        }
+
+        fn linearise(&mut self) -> f64 {
+            cost(self.x)
+        }
+
+        fn try_descent(&mut self, step: f64) {
+            self.trial = self.x - step * self.slope();
+        }
+
+        fn try_gauss_newton(&mut self, damping: f64) -> Option<Step> {
+            let curvature = cost(self.x).powi(-3);
+            let step = -self.slope() / (curvature * (1.0 + damping));
+            self.trial = self.x + step;
+            let predicted_decrease = -self.slope() * step - 0.5 * curvature * step * step;
+            Some(Step {
+                norm: step.abs(),
+                predicted_decrease,
+            })
+        }
+
+        fn trial_cost(&mut self) -> f64 {
+            cost(self.trial)
+        }
+
+        fn advance(&mut self) -> f64 {
+            std::mem::swap(&mut self.x, &mut self.trial);
+            cost(self.x)
+        }
+
+        fn undo(&mut self) {
+            std::mem::swap(&mut self.x, &mut self.trial);
+        }
+
+        fn accept(&mut self) {
+            self.x = self.trial;
+        }
+    }
+
+    #[test]
+    fn a_step_that_goes_too_far_is_taken_back_and_damped() {
+        let mut valley = Valley { x: 3.0, trial: 3.0 };
+        let mut costs = Vec::new();
+        let outcome =
+            GaussNewton::DEFAULT.minimise(&mut valley, |progress| costs.push(progress.cost));
+        assert_eq!(outcome.status, SolveStatus::Converged);
+        assert!(costs.windows(2).all(|pair| pair[1] <= pair[0]), "{costs:?}");
+        assert!(valley.x.abs() < 1e-6, "{}", valley.x);
+        assert!((outcome.cost_before - 10.0_f64.sqrt()).abs() < 1e-15);
+    }
+
+    #[test]
+    fn descent_walks_down_the_same_valley() {
+        let mut valley = Valley { x: 3.0, trial: 3.0 };
+        let outcome = crate::cooperative::Descent::DEFAULT.minimise(&mut valley, |_| ());
+        assert_eq!(outcome.status, SolveStatus::Converged);
+        assert!(valley.x.abs() <= 1.1e-6);
+    }
+}
