@@ -1,0 +1,5 @@
+//! The program `skein`.
+
+fn main() -> std::process::ExitCode {
+    skein_agent::command::main()
+}

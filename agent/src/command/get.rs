@@ -1,0 +1,156 @@
+//! `skein get`: the newest estimate of one vehicle or of all, as a table or as JSON.
+
+use super::Ending;
+use super::observer::{Observer, ObserverArgs};
+use crate::clock::Clock;
+use crate::queries::About;
+use skein_estimation::time::Stamp;
+use skein_proto::document::{EstimateDocument, PoseDocument};
+use skein_proto::name::Name;
+
+/// An age beyond this is another clock (a recording, a simulation), not an age.
+const AGE_MAX_S: f64 = 86_400.0;
+
+#[derive(clap::Args)]
+pub(super) struct GetArgs {
+    /// The vehicle; all of the fleet without it.
+    vehicle: Option<Name>,
+    /// Print a JSON array of estimates, one for each vehicle, as documented in ZENOH_API.md.
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    observer: ObserverArgs,
+}
+
+pub(super) fn run(args: &GetArgs) -> miette::Result<Ending> {
+    let observer = Observer::open(&args.observer)?;
+    let answers = observer.ask::<EstimateDocument>(About::Estimate, args.vehicle)?;
+    for (vehicle, reason) in &answers.silent {
+        eprintln!("{vehicle}: {reason}");
+    }
+    if answers.documents.is_empty() {
+        eprintln!("{}", observer.advice(args.vehicle));
+        return Ok(Ending::NobodyAnswered);
+    }
+    let estimates: Vec<EstimateDocument> = answers.documents.into_values().collect();
+    if args.json {
+        println!(
+            "{}",
+            String::from_utf8_lossy(&crate::queries::json(&estimates))
+        );
+    } else {
+        print!("{}", table(&estimates, Clock::real().now()));
+    }
+    Ok(Ending::Done)
+}
+
+/// Rows of equal width; a neighbour's row stands under the vehicle that sees it, in that vehicle's body frame.
+fn table(estimates: &[EstimateDocument], now: Stamp) -> String {
+    use std::fmt::Write;
+    let mut page = String::new();
+    let _ = writeln!(
+        page,
+        "{:<20} {:<14} {:>8} {:>10} {:>10} {:>10} {:>8} {:>8} {:>8}",
+        "vehicle", "status", "age s", "x m", "y m", "z m", "yaw deg", "pitch", "roll"
+    );
+    for estimate in estimates {
+        let age = age(now, estimate.taken_ns);
+        let vehicle = estimate.vehicle.to_string();
+        row(
+            &mut page,
+            &vehicle,
+            estimate.status.words(),
+            &age,
+            estimate.pose.as_ref(),
+        );
+        for neighbour in &estimate.neighbours {
+            let name = format!("  sees {}", neighbour.vehicle);
+            let status = neighbour
+                .status
+                .map_or("-", skein_proto::status::Status::words);
+            let age = neighbour
+                .taken_ns
+                .map_or_else(|| "-".to_owned(), |ns| self::age(now, ns));
+            row(&mut page, &name, status, &age, neighbour.pose.as_ref());
+        }
+        if let Some(why) = &estimate.why {
+            let _ = writeln!(page, "  {why}");
+        }
+    }
+    page
+}
+
+fn row(page: &mut String, name: &str, status: &str, age: &str, pose: Option<&PoseDocument>) {
+    use std::fmt::Write;
+    let _ = write!(page, "{name:<20} {status:<14} {age:>8}");
+    match pose {
+        Some(pose) => {
+            let [x, y, z] = pose.position_m;
+            let [yaw, pitch, roll] = pose.yaw_pitch_roll_deg;
+            let _ = writeln!(
+                page,
+                " {x:>10.3} {y:>10.3} {z:>10.3} {yaw:>8.2} {pitch:>8.2} {roll:>8.2}"
+            );
+        }
+        None => {
+            let _ = writeln!(
+                page,
+                " {:>10} {:>10} {:>10} {:>8} {:>8} {:>8}",
+                "-", "-", "-", "-", "-", "-"
+            );
+        }
+    }
+}
+
+fn age(now: Stamp, taken_ns: i64) -> String {
+    let age_s = (now - Stamp::from_nanos(taken_ns)).as_secs_f64();
+    if age_s.abs() < AGE_MAX_S {
+        format!("{age_s:.2}")
+    } else {
+        "-".to_owned()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use skein_proto::document::NeighbourDocument;
+    use skein_proto::status::Status;
+
+    #[test]
+    fn the_table_has_a_row_for_each_vehicle_and_each_neighbour_and_says_why() {
+        let pose = PoseDocument {
+            position_m: [1.0, -2.0, 3.0],
+            quaternion_wxyz: [1.0, 0.0, 0.0, 0.0],
+            yaw_pitch_roll_deg: [90.0, 0.0, 0.0],
+            rotation_vector_rad: [0.0; 3],
+        };
+        let estimate = EstimateDocument {
+            vehicle: Name::parse("v1").unwrap(),
+            boot: "00000000000000ab".to_owned(),
+            taken_ns: 1_000_000_000,
+            status: Status::DeadReckoning,
+            pose: Some(pose),
+            velocity: None,
+            covariance: None,
+            neighbours: vec![NeighbourDocument {
+                vehicle: Name::parse("v2").unwrap(),
+                status: Some(Status::Tracking),
+                taken_ns: None,
+                pose: None,
+                covariance: None,
+            }],
+            why: Some("nobody measures".to_owned()),
+        };
+        let page = table(&[estimate], Stamp::from_nanos(1_500_000_000));
+        let lines: Vec<&str> = page.lines().collect();
+        assert_eq!(lines.len(), 4, "{page}");
+        assert!(
+            lines[1].contains("dead reckoning")
+                && lines[1].contains("0.50")
+                && lines[1].contains("-2.000")
+        );
+        assert!(lines[2].starts_with("  sees v2") && lines[2].contains("tracking"));
+        assert!(lines[3].contains("nobody measures"));
+    }
+}

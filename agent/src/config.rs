@@ -1,0 +1,689 @@
+//! The configuration file (TOML): read raw, checked, and turned into [`Settings`]. Whatever is wrong is shown with its
+//! file, line and key, and with what to do.
+
+use crate::clock::Clock;
+use crate::driver::replay;
+use crate::network::NetworkSettings;
+use crate::settings::{DriverSettings, FaultSettings, Settings, new_boot};
+use miette::{NamedSource, SourceSpan};
+use nalgebra::{UnitQuaternion, Vector3};
+use serde::Deserialize;
+use skein_estimation::cooperative::Optimiser;
+use skein_estimation::time::{Span, Stamp};
+use skein_estimation::transform::Transform;
+use skein_proto::limits::ROUNDS_PER_RECORD_MAX;
+use skein_proto::name::Name;
+use skein_vehicle::{SensorConfig, Start};
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use toml::Spanned;
+
+/// Sensors that one vehicle has at most.
+const SENSORS_MAX: usize = 32;
+/// How far from one a quaternion's length may be in a file that people write.
+const QUATERNION_TOLERANCE: f64 = 1e-3;
+
+/// A configuration that cannot be used: what, where, and what to do.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[error("{message}")]
+pub struct ConfigError {
+    message: String,
+    #[source_code]
+    source_code: NamedSource<String>,
+    #[label("here")]
+    at: Option<SourceSpan>,
+    #[help]
+    help: Option<String>,
+}
+
+/// Reads a file. Fails with where and what to do.
+pub fn load(path: &Path) -> Result<Settings, Box<ConfigError>> {
+    let name = path.display().to_string();
+    let text = std::fs::read_to_string(path).map_err(|error| {
+        Box::new(ConfigError {
+            message: format!("{name} cannot be read: {error}"),
+            source_code: NamedSource::new(&name, String::new()),
+            at: None,
+            help: Some("give the path of a configuration; agent/examples/skein.toml is one".into()),
+        })
+    })?;
+    parse(&text, &name, path.parent().unwrap_or(Path::new("")))
+}
+
+/// Parses a text. `name` is shown in errors; files named in it are looked for in `folder`.
+pub fn parse(text: &str, name: &str, folder: &Path) -> Result<Settings, Box<ConfigError>> {
+    let wrong = |wrong: Wrong| {
+        Box::new(ConfigError {
+            message: wrong.message,
+            source_code: NamedSource::new(name, text.to_owned()).with_language("TOML"),
+            at: wrong.at.map(SourceSpan::from),
+            help: wrong.help,
+        })
+    };
+    let raw: RawConfig = toml::from_str(text).map_err(|error| {
+        wrong(Wrong {
+            message: error.message().to_owned(),
+            at: error.span(),
+            help: None,
+        })
+    })?;
+    raw.check(folder).map_err(wrong)
+}
+
+/// Something wrong at a place in the text.
+struct Wrong {
+    message: String,
+    at: Option<Range<usize>>,
+    help: Option<String>,
+}
+
+impl Wrong {
+    fn at<T>(value: &Spanned<T>, message: impl Into<String>, help: &str) -> Self {
+        Self {
+            message: message.into(),
+            at: Some(value.span()),
+            help: Some(help.to_owned()),
+        }
+    }
+}
+
+type Checked<T> = Result<T, Wrong>;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawConfig {
+    vehicle: RawVehicle,
+    #[serde(default)]
+    start: RawStart,
+    #[serde(default)]
+    sensor: Vec<RawSensor>,
+    #[serde(default)]
+    cooperative: RawCooperative,
+    #[serde(default)]
+    estimate: RawEstimate,
+    network: Option<Spanned<RawNetwork>>,
+    #[serde(default)]
+    clock: RawClock,
+    log: Option<RawLog>,
+    simulation: Option<RawSimulation>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawVehicle {
+    #[serde(default = "default_fleet")]
+    fleet: Spanned<String>,
+    name: Spanned<String>,
+    body_from_target: Option<Spanned<RawPose>>,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields)]
+struct RawStart {
+    pose: Option<Spanned<RawPose>>,
+    unknown: Option<Spanned<bool>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawPose {
+    #[serde(default)]
+    position_m: [f64; 3],
+    yaw_pitch_roll_deg: Option<[f64; 3]>,
+    quaternion_wxyz: Option<[f64; 4]>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawSensor {
+    name: Spanned<String>,
+    driver: Spanned<String>,
+    file: Option<Spanned<PathBuf>>,
+    body_from_sensor: Option<Spanned<RawPose>>,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields)]
+struct RawCooperative {
+    period_s: Option<Spanned<f64>>,
+    round_wait_s: Option<Spanned<f64>>,
+    mode: Option<Spanned<String>>,
+    optimiser: Option<Spanned<String>>,
+    repeats: Option<Spanned<usize>>,
+    presence_timeout_s: Option<Spanned<f64>>,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields)]
+struct RawEstimate {
+    rate_hz_max: Option<Spanned<f64>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawNetwork {
+    listen: Option<Vec<String>>,
+    connect: Option<Vec<String>>,
+    multicast: Option<bool>,
+    interface: Option<String>,
+    zenoh_config: Option<PathBuf>,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields)]
+struct RawClock {
+    rate: Option<Spanned<f64>>,
+    start_ns: Option<i64>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawLog {
+    directory: Option<Spanned<PathBuf>>,
+    file: Option<Spanned<PathBuf>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawSimulation {
+    enabled: Spanned<bool>,
+    #[serde(default)]
+    seed: u64,
+}
+
+fn default_fleet() -> Spanned<String> {
+    Spanned::new(0..0, "skein".to_owned())
+}
+
+impl RawConfig {
+    fn check(self, folder: &Path) -> Checked<Settings> {
+        let fleet = name(&self.vehicle.fleet)?;
+        let vehicle = name(&self.vehicle.name)?;
+        let body_from_target = optional_pose(self.vehicle.body_from_target.as_ref())?;
+        let (sensors, drivers) = check_sensors(&self.sensor, folder)?;
+        let clock = self.clock.check(&drivers)?;
+        let (network, network_at) = match self.network {
+            None => (NetworkSettings::default(), None),
+            Some(network) => {
+                let at = network.span();
+                (network.into_inner().check(folder, &at)?, Some(at))
+            }
+        };
+        let faults = check_simulation(self.simulation.as_ref(), &network, network_at)?;
+        let boot = new_boot();
+        let log = self
+            .log
+            .map(|log| log.check(folder, vehicle, boot))
+            .transpose()?;
+        let cooperative = self.cooperative.check()?;
+        let estimate_rate_hz = positive(self.estimate.rate_hz_max.as_ref(), 20.0, "rate_hz_max")?;
+        Ok(Settings {
+            fleet,
+            vehicle: skein_vehicle::Config {
+                vehicle,
+                boot,
+                period: cooperative.period,
+                round_wait: cooperative.round_wait,
+                start: self.start.check()?,
+                optimiser: cooperative.optimiser,
+                sensors,
+                body_from_target,
+                presence_timeout: cooperative.presence_timeout,
+                repeats: cooperative.repeats,
+                estimate_spacing: Span::from_secs_f64(1.0 / estimate_rate_hz),
+            },
+            drivers,
+            network,
+            clock,
+            log,
+            faults,
+        })
+    }
+}
+
+struct Cooperative {
+    period: Span,
+    round_wait: Span,
+    optimiser: Optimiser,
+    repeats: usize,
+    presence_timeout: Span,
+}
+
+impl RawCooperative {
+    fn check(self) -> Checked<Cooperative> {
+        let period_s = positive(self.period_s.as_ref(), 0.2, "period_s")?;
+        if let Some(given) = &self.period_s
+            && !(0.01..=10.0).contains(&period_s)
+        {
+            return Err(Wrong::at(
+                given,
+                format!("period_s = {period_s} is outside 0.01 to 10"),
+                "the papers use 0.2; all vehicles of a fleet should have the same period",
+            ));
+        }
+        if let Some(mode) = &self.mode
+            && mode.get_ref() != "paper"
+        {
+            return Err(Wrong::at(
+                mode,
+                format!("there is no mode {:?}", mode.get_ref()),
+                "this version has one mode: mode = \"paper\"",
+            ));
+        }
+        let optimiser = match &self.optimiser {
+            None => Optimiser::default(),
+            Some(word) => match word.get_ref().as_str() {
+                "gauss-newton" => Optimiser::gauss_newton(),
+                "descent" => Optimiser::descent(),
+                other => {
+                    return Err(Wrong::at(
+                        word,
+                        format!("there is no optimiser {other:?}"),
+                        "use \"gauss-newton\" (fast) or \"descent\" (the paper's)",
+                    ));
+                }
+            },
+        };
+        let repeats = self.repeats.as_ref().map_or(3, |r| *r.get_ref());
+        if let Some(given) = &self.repeats
+            && repeats >= ROUNDS_PER_RECORD_MAX
+        {
+            return Err(Wrong::at(
+                given,
+                format!("repeats = {repeats} is too many"),
+                &format!(
+                    "a round record holds the newest round and at most {} repeated ones",
+                    ROUNDS_PER_RECORD_MAX - 1
+                ),
+            ));
+        }
+        let round_wait_s = positive(self.round_wait_s.as_ref(), 1.5 * period_s, "round_wait_s")?;
+        let presence_timeout_s =
+            positive(self.presence_timeout_s.as_ref(), 2.0, "presence_timeout_s")?;
+        Ok(Cooperative {
+            period: Span::from_secs_f64(period_s),
+            round_wait: Span::from_secs_f64(round_wait_s),
+            optimiser,
+            repeats,
+            presence_timeout: Span::from_secs_f64(presence_timeout_s),
+        })
+    }
+}
+
+impl RawStart {
+    fn check(self) -> Checked<Start> {
+        match (&self.pose, &self.unknown) {
+            (Some(pose), None) => Ok(Start::Pose(check_pose(pose)?)),
+            (None, None) => Ok(Start::Unknown),
+            (None, Some(unknown)) if *unknown.get_ref() => Ok(Start::Unknown),
+            (Some(pose), Some(unknown)) if !*unknown.get_ref() => {
+                Ok(Start::Pose(check_pose(pose)?))
+            }
+            (_, Some(unknown)) => Err(Wrong::at(
+                unknown,
+                "[start] must say one thing",
+                "give pose = { position_m = [..], yaw_pitch_roll_deg = [..] }, or unknown = true, not both",
+            )),
+        }
+    }
+}
+
+impl RawClock {
+    /// A recording runs on its own time: without other orders the clock starts where the earliest one does.
+    fn check(self, drivers: &BTreeMap<Name, DriverSettings>) -> Checked<Clock> {
+        let rate = positive(self.rate.as_ref(), 1.0, "rate")?;
+        let recorded = drivers
+            .values()
+            .filter_map(|driver| match driver {
+                DriverSettings::Recording(path) => replay::first_arrival(path).ok().flatten(),
+                _ => None,
+            })
+            .min();
+        let start = self.start_ns.map(Stamp::from_nanos).or(recorded);
+        match start {
+            Some(start) => Ok(Clock::scaled(start, rate)),
+            None if self.rate.as_ref().is_some_and(|r| *r.get_ref() != 1.0) => {
+                let at = self.rate.as_ref().map(Spanned::span);
+                Err(Wrong {
+                    message: "a clock that follows the world cannot run at another rate".into(),
+                    at,
+                    help: Some("rate is for recordings: give a replay driver, or start_ns".into()),
+                })
+            }
+            None => Ok(Clock::real()),
+        }
+    }
+}
+
+impl RawNetwork {
+    fn check(self, folder: &Path, at: &Range<usize>) -> Checked<NetworkSettings> {
+        let others = self.listen.is_some()
+            || self.connect.is_some()
+            || self.multicast.is_some()
+            || self.interface.is_some();
+        if self.zenoh_config.is_some() && others {
+            return Err(Wrong {
+                message: "[network] has zenoh_config and other keys".into(),
+                at: Some(at.clone()),
+                help: Some(
+                    "a Zenoh configuration file is passed through as it is: put the endpoints there, or leave it out"
+                        .into(),
+                ),
+            });
+        }
+        let defaults = NetworkSettings::default();
+        let settings = NetworkSettings {
+            listen: self.listen.unwrap_or_default(),
+            connect: self.connect.unwrap_or_default(),
+            multicast: self.multicast.unwrap_or(defaults.multicast),
+            interface: self.interface.unwrap_or(defaults.interface),
+            zenoh_config: self.zenoh_config.map(|path| folder.join(path)),
+        };
+        settings.zenoh().map_err(|error| Wrong {
+            message: error.to_string(),
+            at: Some(at.clone()),
+            help: Some(
+                "endpoints look like tcp/192.168.1.7:7447, or 192.168.1.7:7447 for TCP and UDP"
+                    .into(),
+            ),
+        })?;
+        Ok(settings)
+    }
+}
+
+impl RawLog {
+    fn check(self, folder: &Path, vehicle: Name, boot: u64) -> Checked<PathBuf> {
+        match (self.directory, self.file) {
+            (Some(directory), None) => {
+                let file = format!("{vehicle}-{}.mcap", skein_proto::keys::boot_text(boot));
+                Ok(folder.join(directory.into_inner()).join(file))
+            }
+            (None, Some(file)) => Ok(folder.join(file.into_inner())),
+            (Some(directory), Some(_)) => Err(Wrong::at(
+                &directory,
+                "[log] has a directory and a file",
+                "a directory gets one new file a boot, a file is overwritten: give one of them",
+            )),
+            (None, None) => Err(Wrong {
+                message: "[log] has neither directory nor file".into(),
+                at: None,
+                help: Some("give directory = \"..\" or leave the section out".into()),
+            }),
+        }
+    }
+}
+
+fn check_simulation(
+    raw: Option<&RawSimulation>,
+    network: &NetworkSettings,
+    network_at: Option<Range<usize>>,
+) -> Checked<Option<FaultSettings>> {
+    let Some(raw) = raw.filter(|raw| *raw.enabled.get_ref()) else {
+        return Ok(None);
+    };
+    let secured = network.is_secured().map_err(|error| Wrong {
+        message: error.to_string(),
+        at: network_at,
+        help: None,
+    })?;
+    if secured {
+        return Err(Wrong::at(
+            &raw.enabled,
+            "simulation is refused beside TLS",
+            "a secured fleet is a real one, and simulation lets anybody drop its packets: remove one of the two",
+        ));
+    }
+    Ok(Some(FaultSettings { seed: raw.seed }))
+}
+
+type Sensors = (Vec<SensorConfig>, BTreeMap<Name, DriverSettings>);
+
+fn check_sensors(raw: &[RawSensor], folder: &Path) -> Checked<Sensors> {
+    let mut sensors = Vec::new();
+    let mut drivers = BTreeMap::new();
+    for sensor in raw {
+        let name = name(&sensor.name)?;
+        if sensors.len() == SENSORS_MAX {
+            return Err(Wrong::at(
+                &sensor.name,
+                format!("more than {SENSORS_MAX} sensors"),
+                "put sensors of one kind and mount together",
+            ));
+        }
+        let driver = check_driver(sensor, folder)?;
+        sensors.push(SensorConfig {
+            name,
+            driver: driver.word().to_owned(),
+            body_from_sensor: optional_pose(sensor.body_from_sensor.as_ref())?,
+        });
+        if drivers.insert(name, driver).is_some() {
+            return Err(Wrong::at(
+                &sensor.name,
+                format!("there are two sensors {name}"),
+                "each [[sensor]] needs its own name",
+            ));
+        }
+    }
+    Ok((sensors, drivers))
+}
+
+fn check_driver(sensor: &RawSensor, folder: &Path) -> Checked<DriverSettings> {
+    match (sensor.driver.get_ref().as_str(), &sensor.file) {
+        ("zenoh", None) => Ok(DriverSettings::Zenoh),
+        ("process", None) => Ok(DriverSettings::Process),
+        ("replay", Some(file)) => {
+            let path = folder.join(file.get_ref());
+            if path.is_file() {
+                Ok(DriverSettings::Recording(path))
+            } else {
+                Err(Wrong::at(
+                    file,
+                    format!("there is no file {}", path.display()),
+                    "a path is meant from the folder of this configuration",
+                ))
+            }
+        }
+        ("replay", None) => Err(Wrong::at(
+            &sensor.driver,
+            "the replay driver needs a recording",
+            "add file = \"recording.jsonl\"",
+        )),
+        ("zenoh" | "process", Some(file)) => Err(Wrong::at(
+            file,
+            "only the replay driver reads a file",
+            "use driver = \"replay\" or remove file",
+        )),
+        (other, _) => Err(Wrong::at(
+            &sensor.driver,
+            format!("there is no driver {other:?}"),
+            "use \"zenoh\" (any program sends the frames) or \"replay\" (a recording)",
+        )),
+    }
+}
+
+fn name(text: &Spanned<String>) -> Checked<Name> {
+    Name::parse(text.get_ref()).map_err(|error| {
+        Wrong::at(
+            text,
+            format!("{:?} is no name: {error}", text.get_ref()),
+            "names stand in keys: use 1 to 32 of a-z, 0-9 and _",
+        )
+    })
+}
+
+fn positive(value: Option<&Spanned<f64>>, default: f64, key: &str) -> Checked<f64> {
+    let Some(given) = value else {
+        return Ok(default);
+    };
+    let number = *given.get_ref();
+    if number.is_finite() && number > 0.0 && number <= 1e6 {
+        Ok(number)
+    } else {
+        Err(Wrong::at(
+            given,
+            format!("{key} = {number} is no positive number"),
+            &format!("the default is {default}"),
+        ))
+    }
+}
+
+fn optional_pose<To, From>(raw: Option<&Spanned<RawPose>>) -> Checked<Transform<To, From>> {
+    raw.map_or_else(|| Ok(Transform::identity()), check_pose)
+}
+
+fn check_pose<To, From>(raw: &Spanned<RawPose>) -> Checked<Transform<To, From>> {
+    let pose = raw.get_ref();
+    let rotation = match (pose.yaw_pitch_roll_deg, pose.quaternion_wxyz) {
+        (None, None) => UnitQuaternion::identity(),
+        (Some([yaw, pitch, roll]), None) => UnitQuaternion::from_euler_angles(
+            roll.to_radians(),
+            pitch.to_radians(),
+            yaw.to_radians(),
+        ),
+        (None, Some([w, x, y, z])) => {
+            let quaternion = nalgebra::Quaternion::new(w, x, y, z);
+            if (quaternion.norm() - 1.0).abs() > QUATERNION_TOLERANCE {
+                return Err(Wrong::at(
+                    raw,
+                    format!("the quaternion has length {}", quaternion.norm()),
+                    "a rotation is a quaternion of length one, scalar first",
+                ));
+            }
+            UnitQuaternion::from_quaternion(quaternion)
+        }
+        (Some(_), Some(_)) => {
+            return Err(Wrong::at(
+                raw,
+                "a pose has one rotation",
+                "give yaw_pitch_roll_deg or quaternion_wxyz, not both",
+            ));
+        }
+    };
+    let transform = Transform::new(rotation, Vector3::from(pose.position_m));
+    let finite = pose.position_m.iter().all(|n| n.is_finite())
+        && rotation.coords.iter().all(|n| n.is_finite());
+    if finite {
+        Ok(transform)
+    } else {
+        Err(Wrong::at(
+            raw,
+            "a pose is made of finite numbers",
+            "write position_m in metres and angles in degrees",
+        ))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const EXAMPLE: &str = include_str!("../examples/skein.toml");
+
+    fn parsed(text: &str) -> Result<Settings, Box<ConfigError>> {
+        parse(text, "test.toml", Path::new(""))
+    }
+
+    /// The error as a user sees it, without colours.
+    fn shown(text: &str) -> String {
+        let error = parsed(text).unwrap_err();
+        let mut page = String::new();
+        miette::GraphicalReportHandler::new_themed(miette::GraphicalTheme::unicode_nocolor())
+            .render_report(&mut page, error.as_ref())
+            .unwrap();
+        page
+    }
+
+    const MINIMAL: &str = "[vehicle]\nname = \"v1\"\n";
+
+    #[test]
+    fn the_example_is_a_valid_configuration() {
+        let settings = parsed(EXAMPLE).unwrap();
+        assert_eq!(settings.vehicle.vehicle.as_str(), "v1");
+        assert_eq!(settings.vehicle.sensors.len(), 2);
+        assert!(matches!(settings.vehicle.start, Start::Pose(_)));
+    }
+
+    #[test]
+    fn a_name_is_all_that_must_be_given() {
+        let settings = parsed(MINIMAL).unwrap();
+        assert_eq!(settings.fleet.as_str(), "skein");
+        assert_eq!(settings.vehicle.period, Span::millis(200));
+        assert_eq!(settings.vehicle.round_wait, Span::millis(300));
+        assert_eq!(settings.vehicle.start, Start::Unknown);
+        assert!(settings.network.multicast);
+    }
+
+    #[test]
+    fn two_readings_of_one_file_are_two_boots() {
+        assert_ne!(
+            parsed(MINIMAL).unwrap().vehicle.boot,
+            parsed(MINIMAL).unwrap().vehicle.boot
+        );
+    }
+
+    #[test]
+    fn a_misspelt_key_is_shown_with_its_line() {
+        let page = shown("[vehicle]\nname = \"v1\"\n\n[cooperative]\nperiod = 0.2\n");
+        assert!(page.contains("test.toml:5"), "{page}");
+        assert!(page.contains("period_s"), "{page}");
+    }
+
+    #[test]
+    fn a_bad_name_is_shown_with_what_to_do() {
+        let page = shown("[vehicle]\nname = \"V 1\"\n");
+        assert!(page.contains("test.toml:2"), "{page}");
+        assert!(page.contains("a-z, 0-9 and _"), "{page}");
+    }
+
+    #[test]
+    fn a_mount_turns_by_yaw_then_pitch_then_roll() {
+        let text = format!(
+            "{MINIMAL}[[sensor]]\nname = \"tags\"\ndriver = \"zenoh\"\n\
+             body_from_sensor = {{ position_m = [0.1, 0, 0.2], yaw_pitch_roll_deg = [90, 0, 90] }}\n"
+        );
+        let settings = parsed(&text).unwrap();
+        let body_from_sensor = settings.vehicle.sensors[0].body_from_sensor;
+        let ahead_of_sensor = Vector3::new(1.0, 0.0, 0.0);
+        let in_body = body_from_sensor.transform_point(&ahead_of_sensor);
+        assert!((in_body - Vector3::new(0.1, 1.0, 0.2)).norm() < 1e-12);
+        let left_of_sensor = Vector3::new(0.0, 1.0, 0.0);
+        let in_body = body_from_sensor.transform_point(&left_of_sensor);
+        assert!((in_body - Vector3::new(0.1, 0.0, 1.2)).norm() < 1e-12);
+    }
+
+    #[test]
+    fn contradictions_are_refused() {
+        for (text, expected) in [
+            ("[start]\npose = {}\nunknown = true\n", "not both"),
+            (
+                "[start]\npose = { quaternion_wxyz = [1, 1, 0, 0] }\n",
+                "length one",
+            ),
+            (
+                "[network]\nzenoh_config = \"z.json5\"\nlisten = []\n",
+                "passed through",
+            ),
+            (
+                "[simulation]\nenabled = true\n[network]\nconnect = [\"tls/127.0.0.1:7447\"]\n",
+                "refused beside TLS",
+            ),
+            ("[cooperative]\nmode = \"team\"\n", "no mode"),
+            ("[cooperative]\nrepeats = 8\n", "too many"),
+            ("[cooperative]\nperiod_s = -1\n", "no positive number"),
+            (
+                "[[sensor]]\nname = \"a\"\ndriver = \"replay\"\n",
+                "needs a recording",
+            ),
+            (
+                "[[sensor]]\nname = \"a\"\ndriver = \"zenoh\"\n[[sensor]]\nname = \"a\"\ndriver = \"zenoh\"\n",
+                "two sensors a",
+            ),
+            ("[clock]\nrate = 20.0\n", "another rate"),
+            ("[network]\nlisten = [\"tcp/\"]\n", "endpoints look like"),
+        ] {
+            let page = shown(&format!("{MINIMAL}{text}"));
+            assert!(page.contains(expected), "{expected}: {page}");
+        }
+    }
+}

@@ -1,0 +1,141 @@
+//! What comes in from Zenoh: callbacks that parse the key, look at the length and enqueue. No other work is done on
+//! Zenoh's threads.
+
+use crate::clock::Clock;
+use crate::faults::FaultFilter;
+use crate::inbox::Inbox;
+use crate::queries::{About, Question};
+use crate::queue::Queue;
+use crate::refusals::Refusals;
+use skein_proto::envelope::ENVELOPE_BYTES;
+use skein_proto::faults::Faults;
+use skein_proto::keys::{Key, SimChannel, select};
+use skein_proto::limits::{DOCUMENT_BYTES_MAX, PACKET_BYTES_MAX};
+use skein_proto::name::Name;
+use skein_vehicle::{Input, PacketKey};
+use zenoh::liveliness::LivelinessToken;
+use zenoh::sample::{Locality, Sample, SampleKind};
+use zenoh::{Session, Wait};
+
+/// Where what comes in goes to.
+#[derive(Clone)]
+pub(crate) struct Reception {
+    pub(crate) fleet: Name,
+    pub(crate) vehicle: Name,
+    pub(crate) boot: u64,
+    pub(crate) clock: Clock,
+    pub(crate) inbox: Inbox,
+    pub(crate) questions: Queue<Question>,
+    pub(crate) faults: Option<FaultFilter>,
+    pub(crate) refusals: Refusals,
+}
+
+impl Reception {
+    /// Declares all subscriptions and queryables, then the liveliness token: who sees it can be sure to be heard.
+    ///
+    /// The declarations live as long as the session; the token as long as what is returned.
+    pub(crate) fn declare(&self, session: &Session) -> zenoh::Result<LivelinessToken> {
+        for selector in [
+            select::exchanges_to(self.fleet, self.vehicle),
+            select::odometry(self.fleet),
+        ] {
+            let reception = self.clone();
+            session
+                .declare_subscriber(selector)
+                .allowed_origin(Locality::Remote)
+                .callback(move |sample| reception.packet(&sample))
+                .background()
+                .wait()?;
+        }
+        if self.faults.is_some() {
+            let reception = self.clone();
+            let channel = SimChannel::Faults;
+            session
+                .declare_subscriber(Key::Sim { channel }.in_fleet(self.fleet))
+                .callback(move |sample| reception.faults(&sample))
+                .background()
+                .wait()?;
+        }
+        for about in About::ALL {
+            let questions = self.questions.clone();
+            session
+                .declare_queryable(about.key(self.vehicle).in_fleet(self.fleet))
+                .callback(move |query| {
+                    questions.push(Question { about, query });
+                })
+                .background()
+                .wait()?;
+        }
+        let reception = self.clone();
+        session
+            .liveliness()
+            .declare_subscriber(select::alive(self.fleet))
+            .history(true)
+            .callback(move |sample| reception.presence(&sample))
+            .background()
+            .wait()?;
+        let token = Key::Alive {
+            of: self.vehicle,
+            boot: self.boot,
+        };
+        session
+            .liveliness()
+            .declare_token(token.in_fleet(self.fleet))
+            .wait()
+    }
+
+    fn packet(&self, sample: &Sample) {
+        let arrival = self.clock.now();
+        let Some(key) = self.key(sample).as_ref().and_then(PacketKey::of) else {
+            self.refusals.count("wrong_key");
+            return;
+        };
+        if sample.kind() != SampleKind::Put {
+            self.refusals.count("packet_deleted");
+            return;
+        }
+        if sample.payload().len() > ENVELOPE_BYTES + PACKET_BYTES_MAX {
+            self.refusals.count("packet_too_long");
+            return;
+        }
+        let bytes = sample.payload().to_bytes().into_owned();
+        let packet = Input::Packet { key, bytes };
+        match &self.faults {
+            Some(filter) => filter.pass(arrival, key.from(), packet, &self.inbox),
+            None => self.inbox.push(arrival, packet),
+        }
+    }
+
+    fn presence(&self, sample: &Sample) {
+        let arrival = self.clock.now();
+        let Some(Key::Alive { of: vehicle, boot }) = self.key(sample) else {
+            self.refusals.count("wrong_key");
+            return;
+        };
+        if (vehicle, boot) == (self.vehicle, self.boot) {
+            return;
+        }
+        let input = match sample.kind() {
+            SampleKind::Put => Input::Appeared { vehicle, boot },
+            SampleKind::Delete => Input::Vanished { vehicle, boot },
+        };
+        self.inbox.push(arrival, input);
+    }
+
+    fn faults(&self, sample: &Sample) {
+        let Some(filter) = &self.faults else { return };
+        if sample.payload().len() > DOCUMENT_BYTES_MAX {
+            self.refusals.count("faults_too_long");
+            return;
+        }
+        let set = Faults::parse(&sample.payload().to_bytes()).and_then(|faults| filter.set(faults));
+        if set.is_err() {
+            self.refusals.count("faults_malformed");
+        }
+    }
+
+    fn key(&self, sample: &Sample) -> Option<Key> {
+        let (fleet, key) = Key::parse(sample.key_expr().as_str()).ok()?;
+        (fleet == self.fleet).then_some(key)
+    }
+}
