@@ -298,7 +298,8 @@ pub fn figure_6(seed: u64) -> Result<Figure6, PlotError> {
         let period_ns = fleet.stage().period_ns();
         let (mut truth, mut reckoned, mut estimated) = (Vec::new(), Vec::new(), Vec::new());
         for k in 0..=nanos(scenario.duration_s) / period_ns {
-            fleet.run_until(k * period_ns + 1);
+            // Its drivers have prepared this round and not the next one.
+            fleet.run_until(k * period_ns);
             let planar = |pose: &crate::truth::Pose| (pose.translation.x, pose.translation.y);
             truth.push(planar(&fleet.stage().pose(0, k * period_ns)));
             reckoned.push(planar(fleet.stage().dead_reckoning(0)));

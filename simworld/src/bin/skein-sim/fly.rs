@@ -10,6 +10,7 @@ use skein_agent::{Agent, Clock, DriverSettings, FaultSettings, FrameSender, Netw
 use skein_estimation::time::{Span, Stamp};
 use skein_proto::faults::Faults;
 use skein_proto::name::Name;
+use skein_proto::status::Status;
 use skein_simworld::fleet::pose_of;
 use skein_simworld::radio::RadioSettings;
 use skein_simworld::scenario::Scenario;
@@ -307,11 +308,12 @@ fn start_agents(world: &World, clock: Clock, arguments: &FlyArguments) -> miette
 struct Score {
     estimated: Vec<Vec<PoseError>>,
     reckoned: Vec<Vec<f64>>,
+    statuses: Vec<Option<Status>>,
 }
 
 impl Score {
     fn new(vehicles: usize) -> Self {
-        Self { estimated: vec![Vec::new(); vehicles], reckoned: vec![Vec::new(); vehicles] }
+        Self { estimated: vec![Vec::new(); vehicles], reckoned: vec![Vec::new(); vehicles], statuses: vec![None; vehicles] }
     }
 
     fn reckon(&mut self, world: &World, vehicle: usize, instant_ns: i64) {
@@ -327,6 +329,7 @@ impl Score {
         let mut squares = Vec::new();
         for (vehicle, errors) in self.estimated.iter_mut().enumerate() {
             let Some(document) = air.estimate(world.name(vehicle)) else { continue };
+            self.statuses[vehicle] = Some(document.status);
             let Some(pose) = document.pose else { continue };
             let truth = world.pose(vehicle, world.time_ns(vehicle, document.taken_ns));
             let error = PoseError::between(&truth, &pose_of(&pose));
@@ -346,7 +349,7 @@ impl Score {
             let reckoned = &self.reckoned[vehicle];
             VehicleResult {
                 vehicle: world.name(vehicle),
-                status: health.as_ref().map_or("silent", |health| health.status.words()).to_owned(),
+                status: self.statuses[vehicle].map_or("silent", Status::words).to_owned(),
                 final_m: errors.last().map(|error| error.position_m.norm()),
                 rmse_m: root_mean(errors.iter().map(|error| error.position_m.norm_squared())),
                 orientation_rad: (!errors.is_empty())

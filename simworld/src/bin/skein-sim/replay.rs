@@ -35,7 +35,7 @@ pub(crate) struct MrclamArguments {
     #[arg(long = "virtual")]
     in_virtual_time: bool,
     /// How many times as fast as it was recorded, live.
-    #[arg(long, default_value_t = 20.0)]
+    #[arg(long, default_value_t = 10.0)]
     speed: f64,
     /// Stop after so many recorded seconds.
     #[arg(long)]

@@ -1,0 +1,77 @@
+//! Every `skein-sim` command of the README works as it stands there, made short where it would take long.
+#![cfg(feature = "live")]
+#![allow(clippy::unwrap_used)]
+
+use skein_simworld::datasets;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
+}
+
+/// The commands of the README that run `skein-sim`, without the program's name.
+fn commands() -> Vec<String> {
+    let readme = std::fs::read_to_string(root().join("README.md")).unwrap();
+    let mut inside = false;
+    let mut found = Vec::new();
+    for line in readme.lines() {
+        match line {
+            "```sh" => inside = true,
+            "```" => inside = false,
+            _ if inside => {
+                let plain = line.strip_prefix("skein-sim ");
+                let built = line.strip_prefix("cargo run --release --bin skein-sim -- ");
+                found.extend(plain.or(built).map(str::to_owned));
+            }
+            _ => {}
+        }
+    }
+    found
+}
+
+/// Runs one command; `shorter` replaces what would take long.
+fn run(command: &str, shorter: &[&str], folder: &Path) -> String {
+    let output = Command::new(env!("CARGO_BIN_EXE_skein-sim"))
+        .args(command.split_whitespace().chain(shorter.iter().copied()))
+        .current_dir(folder)
+        .output()
+        .unwrap();
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "skein-sim {command}: {text}\n{errors}");
+    text
+}
+
+#[test]
+fn the_commands_for_a_test_bed_and_for_research_work() {
+    let folder = std::env::temp_dir().join(format!("skein-sim-readme-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let recording = datasets::find("mrclam6");
+    let commands = commands();
+    assert!(commands.len() >= 6, "{commands:?}");
+    for command in commands {
+        let words: Vec<&str> = command.split_whitespace().collect();
+        match words[0] {
+            "fly" => {
+                let text = run(&command, &["--duration", "4"], &folder);
+                assert!(text.contains("tracking"), "{text}");
+            }
+            "experiment" => {
+                let plain = command.replace("--samples 100 ", "");
+                let text = run(&plain, &["--samples", "4"], &folder);
+                assert!(text.contains("distance"), "{text}");
+                assert!(folder.join("out/cooperative/figure-3-team-size.svg").exists());
+            }
+            "replay" => {
+                let Some(recording) = &recording else { continue };
+                let command = command.replace("DIR", recording.to_str().unwrap());
+                let live = ["--duration", "60"];
+                let text = run(&command, &live, &folder);
+                assert!(text.contains("team"), "{text}");
+            }
+            other => panic!("the README has a command that no test runs: skein-sim {other}"),
+        }
+    }
+    let _ = std::fs::remove_dir_all(&folder);
+}
