@@ -290,3 +290,137 @@ fn two_agents_locate_each_other_and_their_logs_are_repeated_bit_by_bit() {
     }
     std::fs::remove_dir_all(folder).unwrap();
 }
+
+/// The agent of v2 as a process of its own, which can be killed.
+struct Process {
+    child: std::process::Child,
+    folder: std::path::PathBuf,
+}
+
+impl Process {
+    fn start(fleet: &str, start: &str, connect: &[String]) -> Self {
+        static STARTS: std::sync::atomic::AtomicUsize = std::sync::atomic::AtomicUsize::new(0);
+        let nth = STARTS.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        let folder = std::env::temp_dir().join(format!("skein-live-{}-{nth}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let config = format!(
+            "[vehicle]\nfleet = \"{fleet}\"\nname = \"v2\"\n\n[start]\n{start}\n\n\
+             [[sensor]]\nname = \"odometry\"\ndriver = \"zenoh\"\n\n\
+             [network]\nlisten = [\"tcp/127.0.0.1:0\"]\nconnect = {connect:?}\nmulticast = false\n"
+        );
+        std::fs::write(folder.join("v2.toml"), config).unwrap();
+        let child = std::process::Command::new(env!("CARGO_BIN_EXE_skein"))
+            .args(["run", "--config"])
+            .arg(folder.join("v2.toml"))
+            .stderr(std::process::Stdio::null())
+            .spawn()
+            .unwrap();
+        Self { child, folder }
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        // SIGKILL: no word of farewell.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+#[test]
+#[expect(clippy::disallowed_methods, reason = "what is promised is real time")]
+fn a_killed_vehicle_is_missed_and_comes_back_under_a_new_boot_without_a_prior() {
+    const FLEET: &str = "killing";
+    const POSE: &str =
+        "pose = { position_m = [1.0, 0.0, 0.0], yaw_pitch_roll_deg = [0.0, 0.0, 0.0] }";
+    // Given: v1 here and v2 in a process of its own, which know each other; v2 has odometry and tells its prior.
+    let clock = Clock::real();
+    let first = started(settings(FLEET, "v1", clock, vec![]));
+    let world = observer(first.locators());
+    let priors = Arc::new(std::sync::Mutex::new(Vec::new()));
+    let heard = Arc::clone(&priors);
+    world
+        .declare_subscriber(skein_proto::keys::select::exchanges_to(
+            name(FLEET),
+            name("v1"),
+        ))
+        .callback(move |sample| {
+            let packet = sample.payload().to_bytes();
+            let (envelope, exchange) =
+                codec::decode::<skein_proto::exchange::Exchange>(&packet).unwrap();
+            heard.lock().unwrap().push((envelope.boot, exchange.prior));
+        })
+        .background()
+        .wait()
+        .unwrap();
+    let driving = Arc::new(std::sync::atomic::AtomicBool::new(true));
+    let driver = {
+        let (world, driving) = (world.clone(), Arc::clone(&driving));
+        std::thread::spawn(move || {
+            let key = Key::Driver {
+                of: name("v2"),
+                sensor: name("odometry"),
+            }
+            .in_fleet(name(FLEET));
+            let mut since = clock.now();
+            while driving.load(std::sync::atomic::Ordering::Relaxed) {
+                std::thread::sleep(Duration::from_millis(50));
+                let taken = clock.now();
+                let frame = Frame::Odometry(OdometryFrame {
+                    since_ns: since.as_nanos(),
+                    taken_ns: taken.as_nanos(),
+                    motion: [0.0; 6],
+                    rotation_sigma_rad: 0.001,
+                    translation_sigma_m: 0.001,
+                });
+                world.put(&key, frame.encode()).wait().unwrap();
+                since = taken;
+            }
+        })
+    };
+    let second = Process::start(FLEET, POSE, &first.locators());
+    let of_second = || neighbour(&first, "v2").unwrap_or_default();
+    until("v1 knows v2 and its clock", || {
+        of_second().present && of_second().clock_offset_s.is_some()
+    });
+    until("v2 tells its prior", || {
+        priors
+            .lock()
+            .unwrap()
+            .iter()
+            .any(|(_, prior)| prior.is_some())
+    });
+    let old_boot = of_second().boot.unwrap();
+
+    // When: v2 is killed. Then: v1 reports it.
+    drop(second);
+    let killed = Instant::now();
+    until("v1 misses v2", || !of_second().present);
+    assert!(
+        killed.elapsed() < Duration::from_secs(4),
+        "{:?}",
+        killed.elapsed()
+    );
+
+    // When: it comes back and does not know where it is.
+    priors.lock().unwrap().clear();
+    let _again = Process::start(FLEET, "unknown = true", &first.locators());
+    let restarted = Instant::now();
+    until("v1 knows the new boot of v2", || {
+        of_second().present && of_second().boot.is_some_and(|boot| boot != old_boot)
+    });
+    assert!(
+        restarted.elapsed() < Duration::from_secs(2),
+        "{:?}",
+        restarted.elapsed()
+    );
+    until("v2 speaks again", || priors.lock().unwrap().len() >= 3);
+    let spoken = priors.lock().unwrap().clone();
+    assert!(
+        spoken.iter().all(|(_, prior)| prior.is_none()),
+        "{spoken:?}"
+    );
+    driving.store(false, std::sync::atomic::Ordering::Relaxed);
+    driver.join().unwrap();
+}

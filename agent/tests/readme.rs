@@ -21,12 +21,19 @@ fn commands() -> Vec<String> {
 }
 
 fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .unwrap()
+        .to_owned()
 }
 
 fn skein(arguments: &str, more: &[&str]) -> Output {
     let arguments = arguments.split_whitespace().chain(more.iter().copied());
-    Command::new(env!("CARGO_BIN_EXE_skein")).args(arguments).current_dir(root()).output().unwrap()
+    Command::new(env!("CARGO_BIN_EXE_skein"))
+        .args(arguments)
+        .current_dir(root())
+        .output()
+        .unwrap()
 }
 
 /// A daemon of the README's configuration, on a port of its own.
@@ -40,11 +47,18 @@ impl Daemon {
     fn start() -> Self {
         let folder = std::env::temp_dir().join(format!("skein-readme-{}", std::process::id()));
         std::fs::create_dir_all(folder.join("logs")).unwrap();
-        let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let port = std::net::TcpListener::bind("127.0.0.1:0")
+            .unwrap()
+            .local_addr()
+            .unwrap()
+            .port();
         let endpoint = format!("tcp/127.0.0.1:{port}");
         let example = std::fs::read_to_string(root().join("agent/examples/skein.toml")).unwrap();
         let config = example
-            .replace("listen = [\"127.0.0.1:7447\"]", &format!("listen = [\"{endpoint}\"]"))
+            .replace(
+                "listen = [\"127.0.0.1:7447\"]",
+                &format!("listen = [\"{endpoint}\"]"),
+            )
             .replace("multicast = true", "multicast = false");
         let log = folder.join("logs/v1.mcap");
         let config = format!("{config}\n[log]\nfile = \"{}\"\n", log.display());
@@ -55,14 +69,24 @@ impl Daemon {
             .stderr(Stdio::null())
             .spawn()
             .unwrap();
-        Self { process, endpoint, folder }
+        Self {
+            process,
+            endpoint,
+            folder,
+        }
     }
 
     /// Stops it as systemd does, and waits for its end.
     fn stop(&mut self) {
-        let told = Command::new("kill").args(["-TERM", &self.process.id().to_string()]).status().unwrap();
+        let told = Command::new("kill")
+            .args(["-TERM", &self.process.id().to_string()])
+            .status()
+            .unwrap();
         assert!(told.success());
-        assert!(self.process.wait().unwrap().success(), "a clean stop ends with 0");
+        assert!(
+            self.process.wait().unwrap().success(),
+            "a clean stop ends with 0"
+        );
     }
 }
 
@@ -77,7 +101,13 @@ impl Drop for Daemon {
 fn the_commands_for_a_vehicle_work() {
     let mut daemon = Daemon::start();
     let endpoint = daemon.endpoint.clone();
-    let network = ["--fleet", "skein", "--connect", endpoint.as_str(), "--no-multicast"];
+    let network = [
+        "--fleet",
+        "skein",
+        "--connect",
+        endpoint.as_str(),
+        "--no-multicast",
+    ];
     let mut run = 0;
     for command in commands() {
         let output = match command.split_whitespace().next().unwrap() {
@@ -96,5 +126,9 @@ fn the_commands_for_a_vehicle_work() {
     daemon.stop();
     let log = daemon.folder.join("logs/v1.mcap");
     let verified = skein("verify", &[log.to_str().unwrap()]);
-    assert!(verified.status.success(), "{}", String::from_utf8_lossy(&verified.stderr));
+    assert!(
+        verified.status.success(),
+        "{}",
+        String::from_utf8_lossy(&verified.stderr)
+    );
 }

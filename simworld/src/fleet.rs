@@ -75,7 +75,11 @@ impl Fleet {
 
     /// The same with configurations changed by `change`, which is given the vehicle's index.
     #[must_use]
-    pub fn with_configs(scenario: &Scenario, sample: u64, change: impl Fn(usize, Config) -> Config) -> Self {
+    pub fn with_configs(
+        scenario: &Scenario,
+        sample: u64,
+        change: impl Fn(usize, Config) -> Config,
+    ) -> Self {
         let world = World::new(scenario, sample);
         let radio = Radio::new(&scenario.radio, world.streams());
         Self::on(world, radio, change)
@@ -108,7 +112,13 @@ impl<S: Stage> Fleet<S> {
         for vehicle in 0..fleet.len() {
             fleet.start(vehicle);
             let instant_ns = fleet.stage.first_instant_ns(vehicle, start_ns + 1);
-            fleet.push(start_ns, Event::Prepare { vehicle, instant_ns });
+            fleet.push(
+                start_ns,
+                Event::Prepare {
+                    vehicle,
+                    instant_ns,
+                },
+            );
         }
         fleet
     }
@@ -187,15 +197,19 @@ impl<S: Stage> Fleet<S> {
     pub fn scored(&self, vehicle: usize) -> Option<(Pose, Pose)> {
         let estimate = self.estimate(vehicle)?;
         let at_ns = self.stage.time_ns(vehicle, estimate.taken_ns);
-        Some((self.stage.truth(vehicle, at_ns)?, pose_of(estimate.pose.as_ref()?)))
+        Some((
+            self.stage.truth(vehicle, at_ns)?,
+            pose_of(estimate.pose.as_ref()?),
+        ))
     }
 
     /// Distance between a vehicle's newest estimate and the truth, in metres; infinite when it has none.
     #[must_use]
     pub fn position_error_m(&self, vehicle: usize) -> f64 {
-        self.scored(vehicle).map_or(f64::INFINITY, |(truth, estimate)| {
-            (estimate.translation.vector - truth.translation.vector).norm()
-        })
+        self.scored(vehicle)
+            .map_or(f64::INFINITY, |(truth, estimate)| {
+                (estimate.translation.vector - truth.translation.vector).norm()
+            })
     }
 
     /// A vehicle's process dies without a word.
@@ -206,7 +220,13 @@ impl<S: Stage> Fleet<S> {
         member.estimate = None;
         member.health = None;
         let (name, boot) = (member.config.vehicle, member.config.boot);
-        self.tell_all_but(vehicle, &Input::Vanished { vehicle: name, boot });
+        self.tell_all_but(
+            vehicle,
+            &Input::Vanished {
+                vehicle: name,
+                boot,
+            },
+        );
     }
 
     /// A vehicle's process is started again, under a new boot id, with a start of its own.
@@ -223,12 +243,27 @@ impl<S: Stage> Fleet<S> {
         member.starts += 1;
         member.vehicle = Some(Vehicle::new(member.config.clone(), stamp));
         let name = member.config.vehicle;
-        self.push(self.now_ns, Event::Input { vehicle, input: Input::Wake });
-        self.tell_all_but(vehicle, &Input::Appeared { vehicle: name, boot });
+        self.push(
+            self.now_ns,
+            Event::Input {
+                vehicle,
+                input: Input::Wake,
+            },
+        );
+        self.tell_all_but(
+            vehicle,
+            &Input::Appeared {
+                vehicle: name,
+                boot,
+            },
+        );
         let others: Vec<Input> = (0..self.len())
             .filter(|other| *other != vehicle && self.members[*other].vehicle.is_some())
             .map(|other| &self.members[other].config)
-            .map(|config| Input::Appeared { vehicle: config.vehicle, boot: config.boot })
+            .map(|config| Input::Appeared {
+                vehicle: config.vehicle,
+                boot: config.boot,
+            })
             .collect();
         for input in others {
             self.push(self.now_ns, Event::Input { vehicle, input });
@@ -237,7 +272,13 @@ impl<S: Stage> Fleet<S> {
 
     fn tell_all_but(&mut self, vehicle: usize, input: &Input) {
         for other in (0..self.len()).filter(|other| *other != vehicle) {
-            self.push(self.now_ns, Event::Input { vehicle: other, input: input.clone() });
+            self.push(
+                self.now_ns,
+                Event::Input {
+                    vehicle: other,
+                    input: input.clone(),
+                },
+            );
         }
     }
 
@@ -262,26 +303,47 @@ impl<S: Stage> Fleet<S> {
 
     fn happen(&mut self, event: Event) {
         match event {
-            Event::Prepare { vehicle, instant_ns } => self.prepare(vehicle, instant_ns),
+            Event::Prepare {
+                vehicle,
+                instant_ns,
+            } => self.prepare(vehicle, instant_ns),
             Event::Input { vehicle, input } => self.feed(vehicle, input),
-            Event::Wake { vehicle } if self.members[vehicle].wake_ns == self.now_ns => self.feed(vehicle, Input::Wake),
+            Event::Wake { vehicle } if self.members[vehicle].wake_ns == self.now_ns => {
+                self.feed(vehicle, Input::Wake)
+            }
             Event::Wake { .. } => {}
         }
     }
 
     /// Lays out what the drivers of a vehicle will bring for its next round.
     fn prepare(&mut self, vehicle: usize, instant_ns: i64) {
-        for Delivery { at_ns, sensor, frame } in self.stage.round(vehicle, instant_ns) {
-            let input = Input::Frame { sensor, bytes: frame.encode() };
+        for Delivery {
+            at_ns,
+            sensor,
+            frame,
+        } in self.stage.round(vehicle, instant_ns)
+        {
+            let input = Input::Frame {
+                sensor,
+                bytes: frame.encode(),
+            };
             self.push(at_ns, Event::Input { vehicle, input });
         }
         let next_ns = instant_ns + self.stage.period_ns();
-        self.push(instant_ns, Event::Prepare { vehicle, instant_ns: next_ns });
+        self.push(
+            instant_ns,
+            Event::Prepare {
+                vehicle,
+                instant_ns: next_ns,
+            },
+        );
     }
 
     fn feed(&mut self, vehicle: usize, input: Input) {
         let stamp = self.stamp(vehicle);
-        let Some(mut flying) = self.members[vehicle].vehicle.take() else { return };
+        let Some(mut flying) = self.members[vehicle].vehicle.take() else {
+            return;
+        };
         self.note(vehicle, stamp, || LoggedValue::Input(input.clone()));
         flying.handle(stamp, input);
         loop {
@@ -289,7 +351,9 @@ impl<S: Stage> Fleet<S> {
             self.note(vehicle, stamp, || LoggedValue::Output(output.clone()));
             match output {
                 Output::Send { key, bytes } => self.send(vehicle, key, &bytes),
-                Output::Estimate { document, .. } => self.members[vehicle].estimate = Some(document),
+                Output::Estimate { document, .. } => {
+                    self.members[vehicle].estimate = Some(document)
+                }
                 Output::Health(document) => self.members[vehicle].health = Some(document),
                 Output::WakeAt(at) => {
                     let wake_ns = self.stage.time_ns(vehicle, at.as_nanos()).max(self.now_ns);
@@ -307,12 +371,19 @@ impl<S: Stage> Fleet<S> {
     /// A packet goes into the air: an exchange to its addressee, a record to everybody.
     fn send(&mut self, from: usize, key: PacketKey, bytes: &[u8]) {
         for to in (0..self.len()).filter(|to| *to != from) {
-            if matches!(key, PacketKey::Exchange { to: addressee, .. } if addressee != self.members[to].config.vehicle) {
+            if matches!(key, PacketKey::Exchange { to: addressee, .. } if addressee != self.members[to].config.vehicle)
+            {
                 continue;
             }
             let apart_m = self.apart_m(from, to);
-            if let Verdict::Deliver { at_ns } = self.radio.transmit(self.now_ns, from, to, apart_m, bytes.len()) {
-                let input = Input::Packet { key, bytes: bytes.to_vec() };
+            if let Verdict::Deliver { at_ns } =
+                self.radio
+                    .transmit(self.now_ns, from, to, apart_m, bytes.len())
+            {
+                let input = Input::Packet {
+                    key,
+                    bytes: bytes.to_vec(),
+                };
                 self.push(at_ns, Event::Input { vehicle: to, input });
             }
         }
@@ -320,7 +391,11 @@ impl<S: Stage> Fleet<S> {
 
     /// Distance between two vehicles; none where truth is not known, so that the radio reaches.
     fn apart_m(&self, a: usize, b: usize) -> f64 {
-        let place = |vehicle| self.stage.truth(vehicle, self.now_ns).map(|pose| pose.translation.vector);
+        let place = |vehicle| {
+            self.stage
+                .truth(vehicle, self.now_ns)
+                .map(|pose| pose.translation.vector)
+        };
         place(a).zip(place(b)).map_or(0.0, |(a, b)| (a - b).norm())
     }
 
@@ -335,7 +410,11 @@ impl<S: Stage> Fleet<S> {
 
     fn note(&mut self, vehicle: usize, stamp: Stamp, what: impl FnOnce() -> LoggedValue) {
         if let Some(log) = &mut self.log {
-            log.push(Logged { vehicle, stamp, what: what() });
+            log.push(Logged {
+                vehicle,
+                stamp,
+                what: what(),
+            });
         }
     }
 }
@@ -367,7 +446,11 @@ mod tests {
         let mut fleet = Fleet::new(&section_v(), 3);
         fleet.run_until(20_000_000_000);
         let reckoned = mean_of(|vehicle| {
-            let truth = fleet.stage().pose(vehicle, 20_000_000_000).translation.vector;
+            let truth = fleet
+                .stage()
+                .pose(vehicle, 20_000_000_000)
+                .translation
+                .vector;
             (fleet.stage().dead_reckoning(vehicle).translation.vector - truth).norm()
         });
         fleet.run_until(20_000_000_001);

@@ -32,8 +32,8 @@ pub mod tum;
 
 pub mod plot;
 
+pub mod experiment;
 pub mod fleet;
 pub mod recorded;
 pub mod stage;
 pub mod world;
-pub mod experiment;

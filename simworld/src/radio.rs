@@ -55,7 +55,9 @@ impl RadioSettings {
     /// Whether one of two vehicles is silenced at a time, in seconds since the start of the motion.
     #[must_use]
     pub fn is_silenced(&self, now_s: f64, from: usize, to: usize) -> bool {
-        self.silences.iter().any(|silence| silence.silences(now_s, from, to))
+        self.silences
+            .iter()
+            .any(|silence| silence.silences(now_s, from, to))
     }
 }
 

@@ -61,9 +61,17 @@ impl Recorded {
         let start_ns = (recording.start_ns() + SKIPPED_NS).div_euclid(PERIOD_NS) * PERIOD_NS;
         let end_ns = recording.end_ns();
         let start = |(robot, record): (usize, &crate::mrclam::RobotRecord)| {
-            record.truth.pose_at(start_ns, TRUTH_GAP_NS).ok_or(NoStart { robot: robot + 1 })
+            record
+                .truth
+                .pose_at(start_ns, TRUTH_GAP_NS)
+                .ok_or(NoStart { robot: robot + 1 })
         };
-        let starts: Vec<Pose> = recording.robots.iter().enumerate().map(start).collect::<Result<_, _>>()?;
+        let starts: Vec<Pose> = recording
+            .robots
+            .iter()
+            .enumerate()
+            .map(start)
+            .collect::<Result<_, _>>()?;
         let mut recorded = Self {
             next: vec![0; starts.len()],
             frames: Vec::new(),
@@ -73,7 +81,9 @@ impl Recorded {
             end_ns,
             starts,
         };
-        recorded.frames = (0..recorded.starts.len()).map(|robot| recorded.make_frames(robot)).collect();
+        recorded.frames = (0..recorded.starts.len())
+            .map(|robot| recorded.make_frames(robot))
+            .collect();
         Ok(recorded)
     }
 
@@ -103,7 +113,11 @@ impl Recorded {
             let to_ns = from_ns + ODOMETRY_NS;
             let moves = to_ns > self.start_ns;
             let increment = self.calibration.increment(&record.commands, from_ns, to_ns);
-            let motion = if moves { increment.earlier_from_later } else { Pose::identity() };
+            let motion = if moves {
+                increment.earlier_from_later
+            } else {
+                Pose::identity()
+            };
             let frame = OdometryFrame {
                 since_ns: from_ns,
                 taken_ns: to_ns,
@@ -111,21 +125,35 @@ impl Recorded {
                 rotation_sigma_rad: increment.yaw_std_rad.max(SIGMA_MIN),
                 translation_sigma_m: increment.along_std_m.max(SIGMA_MIN),
             };
-            frames.push(Delivery { at_ns: to_ns - self.start_ns, sensor: fixed(ODOMETRY), frame: Frame::Odometry(frame) });
+            frames.push(Delivery {
+                at_ns: to_ns - self.start_ns,
+                sensor: fixed(ODOMETRY),
+                frame: Frame::Odometry(frame),
+            });
             from_ns = to_ns;
         }
         let readings = self.calibration.readings(record, Readings::OfRobots);
         let lag_ns = crate::world::nanos(self.calibration.camera_lag_s);
-        for reading in readings.filter(|reading| reading.time_ns > self.start_ns && reading.time_ns < self.end_ns) {
-            let Subject::Robot(target) = reading.subject else { continue };
+        for reading in readings
+            .filter(|reading| reading.time_ns > self.start_ns && reading.time_ns < self.end_ns)
+        {
+            let Subject::Robot(target) = reading.subject else {
+                continue;
+            };
             let (sin, cos) = reading.bearing_rad.sin_cos();
             // The robots stand on one floor, and their cameras and barcodes at one height.
             let position_m = [reading.range_m * cos, reading.range_m * sin, 0.0];
-            let sigma_m = reading.range_std_m.max(reading.range_m * reading.bearing_std_rad).max(SIGMA_MIN);
+            let sigma_m = reading
+                .range_std_m
+                .max(reading.range_m * reading.bearing_std_rad)
+                .max(SIGMA_MIN);
             let frame = RelativeFrame {
                 taken_ns: reading.time_ns,
                 target: self.name(target),
-                value: RelativeValue::Position { position_m, sigma_m },
+                value: RelativeValue::Position {
+                    position_m,
+                    sigma_m,
+                },
             };
             frames.push(Delivery {
                 at_ns: reading.time_ns + lag_ns - self.start_ns,
@@ -148,7 +176,8 @@ impl Recorded {
     pub fn dead_reckoning(&self, robot: usize, at_ns: &[i64]) -> Vec<Pose> {
         let times = at_ns.iter().map(|at| at + self.start_ns);
         let record = &self.recording.robots[robot];
-        self.calibration.dead_reckoning(&record.commands, &self.starts[robot], self.start_ns, times)
+        self.calibration
+            .dead_reckoning(&record.commands, &self.starts[robot], self.start_ns, times)
     }
 }
 
@@ -174,7 +203,9 @@ impl Stage for Recorded {
     }
 
     fn truth(&self, vehicle: usize, at_ns: i64) -> Option<Pose> {
-        self.recording.robots[vehicle].truth.pose_at(self.start_ns + at_ns, TRUTH_GAP_NS)
+        self.recording.robots[vehicle]
+            .truth
+            .pose_at(self.start_ns + at_ns, TRUTH_GAP_NS)
     }
 
     fn boot(&self, vehicle: usize, start: usize) -> u64 {
@@ -283,7 +314,9 @@ impl Flown {
     #[must_use]
     pub fn score(&self, recorded: &Recorded) -> Option<ReplayScore> {
         let estimates = self.scored(recorded, |_, _, estimate| estimate);
-        let reckoned: Vec<Vec<Pose>> = (0..recorded.vehicles()).map(|robot| self.reckon(recorded, robot)).collect();
+        let reckoned: Vec<Vec<Pose>> = (0..recorded.vehicles())
+            .map(|robot| self.reckon(recorded, robot))
+            .collect();
         let odometry = self.scored(recorded, |instant, robot, _| reckoned[robot][instant]);
         let robots = (0..recorded.vehicles()).map(|robot| {
             let of = |all: &[Vec<Option<Scored>>]| robot_errors(all, robot);
@@ -318,15 +351,27 @@ impl Flown {
         recorded.dead_reckoning(robot, &times)
     }
 
-    fn scored(&self, recorded: &Recorded, of: impl Fn(usize, usize, Pose) -> Pose) -> Vec<Vec<Option<Scored>>> {
+    fn scored(
+        &self,
+        recorded: &Recorded,
+        of: impl Fn(usize, usize, Pose) -> Pose,
+    ) -> Vec<Vec<Option<Scored>>> {
         let score = |instant: usize, robot: usize, estimate: &Option<(i64, Pose)>| {
             let (at_ns, pose) = (*estimate)?;
             let truth = recorded.truth(robot, at_ns)?;
-            Some(Scored { truth, estimate: of(instant, robot, pose) })
+            Some(Scored {
+                truth,
+                estimate: of(instant, robot, pose),
+            })
         };
         let instants = self.instants.iter().enumerate();
         instants
-            .map(|(instant, all)| all.iter().enumerate().map(|(robot, one)| score(instant, robot, one)).collect())
+            .map(|(instant, all)| {
+                all.iter()
+                    .enumerate()
+                    .map(|(robot, one)| score(instant, robot, one))
+                    .collect()
+            })
             .collect()
     }
 
@@ -336,11 +381,23 @@ impl Flown {
         let mut tracks: [Vec<StampedPose>; 3] = Default::default();
         let reckoned = self.reckon(recorded, robot);
         for (estimates, reckoned) in self.instants.iter().zip(reckoned) {
-            let Some((at_ns, estimate)) = estimates[robot] else { continue };
+            let Some((at_ns, estimate)) = estimates[robot] else {
+                continue;
+            };
             let time_s = (recorded.start_ns + at_ns) as f64 * 1e-9;
-            tracks[0].extend(recorded.truth(robot, at_ns).map(|pose| StampedPose { time_s, pose }));
-            tracks[1].push(StampedPose { time_s, pose: estimate });
-            tracks[2].push(StampedPose { time_s, pose: reckoned });
+            tracks[0].extend(
+                recorded
+                    .truth(robot, at_ns)
+                    .map(|pose| StampedPose { time_s, pose }),
+            );
+            tracks[1].push(StampedPose {
+                time_s,
+                pose: estimate,
+            });
+            tracks[2].push(StampedPose {
+                time_s,
+                pose: reckoned,
+            });
         }
         tracks
     }
@@ -351,8 +408,13 @@ fn robot_errors(all: &[Vec<Option<Scored>>], robot: usize) -> (Vec<f64>, Vec<f64
     let scored = all.iter().filter_map(|instant| instant[robot].as_ref());
     scored
         .map(|Scored { truth, estimate }| {
-            let apart = (truth.translation.vector - estimate.translation.vector).xy().norm();
-            (apart, crate::truth::wrapped_rad(yaw_rad(estimate) - yaw_rad(truth)))
+            let apart = (truth.translation.vector - estimate.translation.vector)
+                .xy()
+                .norm();
+            (
+                apart,
+                crate::truth::wrapped_rad(yaw_rad(estimate) - yaw_rad(truth)),
+            )
         })
         .unzip()
 }
@@ -371,7 +433,9 @@ mod tests {
 
     #[test]
     fn five_real_robots_hold_each_other_far_better_than_their_wheels_do() {
-        let Some(folder) = datasets::find("mrclam6") else { return };
+        let Some(folder) = datasets::find("mrclam6") else {
+            return;
+        };
         let recording = datasets::read_mrclam(&folder).unwrap();
         let recorded = Recorded::new(recording, Calibration::default()).unwrap();
         let end_ns = recorded.duration_ns();
@@ -383,14 +447,23 @@ mod tests {
             fleet.run_until(at_ns + 1);
             let newest = |robot| {
                 let estimate = fleet.estimate(robot)?;
-                Some((fleet.stage().time_ns(robot, estimate.taken_ns), pose_of(estimate.pose.as_ref()?)))
+                Some((
+                    fleet.stage().time_ns(robot, estimate.taken_ns),
+                    pose_of(estimate.pose.as_ref()?),
+                ))
             };
             flown.push((0..fleet.len()).map(newest).collect());
             at_ns += PERIOD_NS;
         }
         let score = flown.score(fleet.stage()).unwrap();
         println!("{score:#?}");
-        println!("{}", serde_json::to_string_pretty(fleet.health(0).unwrap()).unwrap());
-        assert!(score.team.position_rmse_m < 1.35 && score.team.relative_rmse_m < 0.85, "{score:?}");
+        println!(
+            "{}",
+            serde_json::to_string_pretty(fleet.health(0).unwrap()).unwrap()
+        );
+        assert!(
+            score.team.position_rmse_m < 1.35 && score.team.relative_rmse_m < 0.85,
+            "{score:?}"
+        );
     }
 }

@@ -3,8 +3,8 @@
 //! The same world feeds a virtual fleet, live agents and the bare solver, so all three fly the same sample.
 
 use crate::scenario::{Scenario, Start};
-use crate::stage::Stage;
 use crate::sensor::{Noise, Odometry, Reading, RelativeSensor, Sight};
+use crate::stage::Stage;
 use crate::streams::{Purpose, Streams};
 use crate::truth::Pose;
 use rand::RngExt;
@@ -109,13 +109,18 @@ impl World {
     /// When the flight begins (everyone stands) and ends.
     #[must_use]
     pub fn span_ns(&self) -> (i64, i64) {
-        (-nanos(self.scenario.standstill_s), nanos(self.scenario.duration_s))
+        (
+            -nanos(self.scenario.standstill_s),
+            nanos(self.scenario.duration_s),
+        )
     }
 
     /// Where a vehicle is.
     #[must_use]
     pub fn pose(&self, vehicle: usize, at_ns: i64) -> Pose {
-        self.scenario.team.vehicles()[vehicle].trajectory.pose_at(seconds(at_ns))
+        self.scenario.team.vehicles()[vehicle]
+            .trajectory
+            .pose_at(seconds(at_ns))
     }
 
     /// Where its odometry alone says that it is, at the last round that was made.
@@ -127,8 +132,11 @@ impl World {
     fn odometry(&mut self, vehicle: usize, instant_ns: i64) -> Delivery {
         let since_ns = instant_ns - self.period_ns;
         let trajectory = &self.scenario.team.vehicles()[vehicle].trajectory;
-        let motion =
-            self.vehicles[vehicle].odometry.between(trajectory, seconds(since_ns), seconds(instant_ns));
+        let motion = self.vehicles[vehicle].odometry.between(
+            trajectory,
+            seconds(since_ns),
+            seconds(instant_ns),
+        );
         self.vehicles[vehicle].dead_reckoning *= motion;
         let noise = &self.scenario.odometry;
         let frame = OdometryFrame {
@@ -138,7 +146,11 @@ impl World {
             rotation_sigma_rad: noise.rotation_concentration.angle_std_rad(),
             translation_sigma_m: noise.translation_std_m,
         };
-        Delivery { at_ns: instant_ns, sensor: fixed(ODOMETRY), frame: Frame::Odometry(frame) }
+        Delivery {
+            at_ns: instant_ns,
+            sensor: fixed(ODOMETRY),
+            frame: Frame::Odometry(frame),
+        }
     }
 
     /// Nobody measures while the team stands: k = 0 is known.
@@ -146,8 +158,9 @@ impl World {
         if instant_ns <= 0 {
             return Vec::new();
         }
-        let taken_s =
-            self.vehicles[vehicle].sensor.taken_s(seconds(instant_ns), seconds(self.period_ns));
+        let taken_s = self.vehicles[vehicle]
+            .sensor
+            .taken_s(seconds(instant_ns), seconds(self.period_ns));
         if taken_s <= 0.0 {
             return Vec::new();
         }
@@ -161,7 +174,9 @@ impl World {
         let simulated = &mut self.vehicles[vehicle];
         let mut seen: Vec<(usize, Reading)> = Vec::new();
         for (target, world_from_target) in &targets {
-            let sight = simulated.sensor.observe(taken_s, &observer, *target, world_from_target);
+            let sight = simulated
+                .sensor
+                .observe(taken_s, &observer, *target, world_from_target);
             if let Sight::Seen { reading, .. } = sight {
                 seen.push((*target, reading));
             }
@@ -235,7 +250,9 @@ impl Stage for World {
             period,
             round_wait: Span::from_nanos(self.period_ns / 2 * 3),
             start: match entry.start {
-                Start::Pose => skein_vehicle::Start::Pose(transform(&entry.trajectory.pose_at(0.0))),
+                Start::Pose => {
+                    skein_vehicle::Start::Pose(transform(&entry.trajectory.pose_at(0.0)))
+                }
                 Start::Unknown => skein_vehicle::Start::Unknown,
             },
             optimiser: Optimiser::gauss_newton(),
@@ -252,7 +269,10 @@ impl Stage for World {
 
     fn boot(&self, vehicle: usize, start: usize) -> u64 {
         let mut stream = self.streams.vehicle(vehicle, Purpose::VehicleSoftware);
-        (0..=start).map(|_| stream.random()).last().unwrap_or_default()
+        (0..=start)
+            .map(|_| stream.random())
+            .last()
+            .unwrap_or_default()
     }
 }
 
@@ -301,15 +321,17 @@ fn value(reading: &Reading, noise: &Noise) -> RelativeValue {
             rotation_vector_rad: rotation.scaled_axis().into(),
             sigma_rad: rotation_sigma_rad,
         },
-        Reading::Position(position) => {
-            RelativeValue::Position { position_m: (*position).into(), sigma_m: translation_sigma_m }
-        }
+        Reading::Position(position) => RelativeValue::Position {
+            position_m: (*position).into(),
+            sigma_m: translation_sigma_m,
+        },
         Reading::Bearing(direction) => RelativeValue::Bearing {
             direction: direction.into_inner().into(),
             sigma_rad: noise.bearing_concentration.angle_std_rad(),
         },
-        Reading::Distance(distance_m) => {
-            RelativeValue::Distance { distance_m: *distance_m, sigma_m: noise.distance_std_m }
-        }
+        Reading::Distance(distance_m) => RelativeValue::Distance {
+            distance_m: *distance_m,
+            sigma_m: noise.distance_std_m,
+        },
     }
 }

@@ -7,7 +7,10 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .unwrap()
+        .to_owned()
 }
 
 /// The commands of the README that run `skein-sim`, without the program's name.
@@ -39,7 +42,10 @@ fn run(command: &str, shorter: &[&str], folder: &Path) -> String {
         .unwrap();
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     let errors = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "skein-sim {command}: {text}\n{errors}");
+    assert!(
+        output.status.success(),
+        "skein-sim {command}: {text}\n{errors}"
+    );
     text
 }
 
@@ -61,10 +67,16 @@ fn the_commands_for_a_test_bed_and_for_research_work() {
                 let plain = command.replace("--samples 100 ", "");
                 let text = run(&plain, &["--samples", "4"], &folder);
                 assert!(text.contains("distance"), "{text}");
-                assert!(folder.join("out/cooperative/figure-3-team-size.svg").exists());
+                assert!(
+                    folder
+                        .join("out/cooperative/figure-3-team-size.svg")
+                        .exists()
+                );
             }
             "replay" => {
-                let Some(recording) = &recording else { continue };
+                let Some(recording) = &recording else {
+                    continue;
+                };
                 let command = command.replace("DIR", recording.to_str().unwrap());
                 let live = ["--duration", "60"];
                 let text = run(&command, &live, &folder);

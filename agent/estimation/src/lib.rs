@@ -2,8 +2,6 @@
 //!
 //! No clock, no file, no network and no global randomness: what a function needs is an argument.
 
-pub mod id;
-
 pub mod time;
 
 pub mod so3;
@@ -19,6 +17,5 @@ pub mod cooperative;
 #[cfg(test)]
 mod lie_laws;
 
-pub use id::VehicleId;
 pub use time::{Span, Stamp};
 pub use transform::{Body, Odometry, Sensor, Transform, TransformError, World};

@@ -16,7 +16,6 @@ impl PeerStamp {
         Self(Stamp::from_nanos(nanos))
     }
 
-
     pub(crate) fn since(self, earlier: Self) -> Span {
         self.0 - earlier.0
     }

@@ -57,7 +57,12 @@ pub(crate) struct Used {
 
 impl Default for Built {
     fn default() -> Self {
-        Self { used: Vec::new(), refused: Vec::new(), fixes: 0, instant_from_solved: Transform::identity() }
+        Self {
+            used: Vec::new(),
+            refused: Vec::new(),
+            fixes: 0,
+            instant_from_solved: Transform::identity(),
+        }
     }
 }
 
@@ -111,15 +116,30 @@ impl Material<'_> {
     /// Each vehicle's unknown is its pose at its instant, but its anchor stands at the mean time of its readings: held
     /// at the instant, a prior resists that a turn at the time of the readings also moves the vehicle since then, and
     /// late readings cost a third of the accuracy (0.185 m against 0.140 m for readings 150 ms late).
-    pub(crate) fn build(&self, star: &mut Star, prior: Transform<World, Body>) -> Result<Built, NotYet> {
+    pub(crate) fn build(
+        &self,
+        star: &mut Star,
+        prior: Transform<World, Body>,
+    ) -> Result<Built, NotYet> {
         let mut built = Built::default();
         self.wait_for_answers()?;
         let spokes = self.spokes(&mut built)?;
-        let own_offsets = spokes.iter().flat_map(|spoke| &spoke.ties).map(|tie| tie.own_offset);
-        let own_offset = mean(own_offsets.chain(self.round.fixes.iter().map(|fix| fix.taken_offset)));
-        built.instant_from_solved =
-            self.own_motion(self.round.instant + own_offset).unwrap_or_else(|_| Transform::identity());
-        if star.restart((prior * built.instant_from_solved).reframe(), AnchorWeight::UNIT).is_err() {
+        let own_offsets = spokes
+            .iter()
+            .flat_map(|spoke| &spoke.ties)
+            .map(|tie| tie.own_offset);
+        let own_offset =
+            mean(own_offsets.chain(self.round.fixes.iter().map(|fix| fix.taken_offset)));
+        built.instant_from_solved = self
+            .own_motion(self.round.instant + own_offset)
+            .unwrap_or_else(|_| Transform::identity());
+        if star
+            .restart(
+                (prior * built.instant_from_solved).reframe(),
+                AnchorWeight::UNIT,
+            )
+            .is_err()
+        {
             return Ok(built);
         }
         for spoke in spokes {
@@ -141,7 +161,9 @@ impl Material<'_> {
     /// Everybody whom this vehicle measured in the round, or who was heard in it.
     fn spokes(&self, built: &mut Built) -> Result<Vec<Spoke<'_>>, NotYet> {
         let heard = self.neighbours.iter().filter(|(_, neighbour)| {
-            neighbour.usable().is_some_and(|boot| boot.exchanges.contains_key(&self.round.index))
+            neighbour
+                .usable()
+                .is_some_and(|boot| boot.exchanges.contains_key(&self.round.index))
         });
         let heard = heard.map(|(name, _)| name);
         let names: BTreeSet<Name> = self.round.measured.keys().copied().chain(heard).collect();
@@ -183,11 +205,21 @@ impl Material<'_> {
     }
 
     fn spoke(&self, name: Name, built: &mut Built) -> Result<Option<Spoke<'_>>, NotYet> {
-        let mine = self.round.measured.get(&name).map_or(&[][..], Vec::as_slice);
+        let mine = self
+            .round
+            .measured
+            .get(&name)
+            .map_or(&[][..], Vec::as_slice);
         let mut refuse = |why: Refused, times: usize| {
-            built.refused.extend(std::iter::repeat_n((name, why), times));
+            built
+                .refused
+                .extend(std::iter::repeat_n((name, why), times));
         };
-        let Some(boot) = self.neighbours.get(name).and_then(|neighbour| neighbour.usable()) else {
+        let Some(boot) = self
+            .neighbours
+            .get(name)
+            .and_then(|neighbour| neighbour.usable())
+        else {
             refuse(Refused::ClockUnknown, mine.len());
             return Ok(None);
         };
@@ -200,7 +232,10 @@ impl Material<'_> {
             return Ok(None);
         };
         let mine = mine.iter().map(|measured| (Direction::Mine, measured));
-        let theirs = exchange.measured.iter().map(|measured| (Direction::Theirs, measured));
+        let theirs = exchange
+            .measured
+            .iter()
+            .map(|measured| (Direction::Theirs, measured));
         let mut ties = Vec::new();
         for (direction, measured) in mine.chain(theirs) {
             match self.tie(direction, measured, boot, exchange) {
@@ -210,7 +245,13 @@ impl Material<'_> {
                 Err(NoEnd::Never(why)) => refuse(why, 1),
             }
         }
-        Ok((!ties.is_empty()).then_some(Spoke { name, boot, exchange, prior, ties }))
+        Ok((!ties.is_empty()).then_some(Spoke {
+            name,
+            boot,
+            exchange,
+            prior,
+            ties,
+        }))
     }
 
     /// Both ends of a measurement. The measuring end comes with it; the measured end is that vehicle's motion between
@@ -227,14 +268,31 @@ impl Material<'_> {
         let unknown = NoEnd::Never(Refused::ClockUnknown);
         let (own_end, their_end, own_offset, their_offset) = match direction {
             Direction::Mine => {
-                let taken = boot.clock.to_peer(self.round.instant + offset).ok_or(unknown)?;
-                let their_end = their_motion(boot, exchange.instant, taken)? * boot.body_from_target;
-                (sighting.from_end, their_end, offset, taken.since(exchange.instant))
+                let taken = boot
+                    .clock
+                    .to_peer(self.round.instant + offset)
+                    .ok_or(unknown)?;
+                let their_end =
+                    their_motion(boot, exchange.instant, taken)? * boot.body_from_target;
+                (
+                    sighting.from_end,
+                    their_end,
+                    offset,
+                    taken.since(exchange.instant),
+                )
             }
             Direction::Theirs => {
-                let taken = boot.clock.to_mine(exchange.instant.plus(offset)).ok_or(unknown)?;
+                let taken = boot
+                    .clock
+                    .to_mine(exchange.instant.plus(offset))
+                    .ok_or(unknown)?;
                 let own_end = self.own_motion(taken)? * self.body_from_target;
-                (own_end, sighting.from_end, taken - self.round.instant, offset)
+                (
+                    own_end,
+                    sighting.from_end,
+                    taken - self.round.instant,
+                    offset,
+                )
             }
         };
         if offset != Span::ZERO && sighting.noise.translation > 0.0 {
@@ -242,7 +300,14 @@ impl Material<'_> {
             let interpolation_m = INTERPOLATED_ACCELERATION_M_S2 * period_s * period_s / 8.0;
             sighting.noise.translation = sighting.noise.translation.hypot(interpolation_m);
         }
-        Ok(Tie { direction, sighting, own_end, their_end, own_offset, their_offset })
+        Ok(Tie {
+            direction,
+            sighting,
+            own_end,
+            their_end,
+            own_offset,
+            their_offset,
+        })
     }
 
     /// `body@round_from_body@taken` of this vehicle.
@@ -270,30 +335,46 @@ fn add(star: &mut Star, spoke: &Spoke<'_>, built: &mut Built) {
         Ok(index) => index,
         Err(why) => {
             let why = Refused::from(why);
-            built.refused.extend(spoke.ties.iter().map(|_| (spoke.name, why.clone())));
+            built
+                .refused
+                .extend(spoke.ties.iter().map(|_| (spoke.name, why.clone())));
             return;
         }
     };
-    let (own_back, their_back) = (built.instant_from_solved.inverse(), instant_from_solved.inverse());
+    let (own_back, their_back) = (
+        built.instant_from_solved.inverse(),
+        instant_from_solved.inverse(),
+    );
     let mut edges = 0;
     for tie in &spoke.ties {
-        let Sighting { measurement, noise, .. } = tie.sighting;
+        let Sighting {
+            measurement, noise, ..
+        } = tie.sighting;
         let (own_end, their_end) = (own_back * tie.own_end, their_back * tie.their_end);
         let added = match tie.direction {
             Direction::Mine => star.measured_by_me(index, measurement, noise, own_end, their_end),
-            Direction::Theirs => star.measured_by_neighbour(index, measurement, noise, own_end, their_end),
+            Direction::Theirs => {
+                star.measured_by_neighbour(index, measurement, noise, own_end, their_end)
+            }
         };
         match added {
             Ok(()) => edges += 1,
             Err(why) => built.refused.push((spoke.name, why.into())),
         }
     }
-    built.used.push(Used { name: spoke.name, index, edges, instant_from_solved });
+    built.used.push(Used {
+        name: spoke.name,
+        index,
+        edges,
+        instant_from_solved,
+    });
 }
 
 /// The mean of some spans; nothing of none.
 fn mean(spans: impl Iterator<Item = Span>) -> Span {
-    let (sum, count) = spans.fold((0i64, 0i64), |(sum, count), span| (sum.saturating_add(span.as_nanos()), count + 1));
+    let (sum, count) = spans.fold((0i64, 0i64), |(sum, count), span| {
+        (sum.saturating_add(span.as_nanos()), count + 1)
+    });
     Span::from_nanos(sum.checked_div(count).unwrap_or(0))
 }
 

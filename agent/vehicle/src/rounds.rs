@@ -295,7 +295,12 @@ impl Waiting {
                 measured.check()?;
                 Ok(Reduced::Relative(target, measured))
             }
-            WaitingValue::Fix(value) => Ok(Reduced::Fix(Fix { sensor: self.sensor, value, body_from_sensor, taken_offset: Span::micros(i64::from(taken_offset_us)) })),
+            WaitingValue::Fix(value) => Ok(Reduced::Fix(Fix {
+                sensor: self.sensor,
+                value,
+                body_from_sensor,
+                taken_offset: Span::micros(i64::from(taken_offset_us)),
+            })),
         }
     }
 }

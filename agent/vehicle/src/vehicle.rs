@@ -317,7 +317,9 @@ impl Vehicle {
                 None => Ok(material.without_prior()),
             };
             // A round with nothing to solve costs nothing while it waits for the next one: a first contact still counts.
-            let idle = |built: &Built| built.edges() == 0 && self.rounds.open.is_empty() && !deadline_passed;
+            let idle = |built: &Built| {
+                built.edges() == 0 && self.rounds.open.is_empty() && !deadline_passed
+            };
             let Some(built) = built.ok().filter(|built| !idle(built)) else {
                 self.rounds.open.push_front(round);
                 return;

@@ -1,3 +1,5 @@
+//! What a calibration does to commands and readings, and dead reckoning on the real recording.
+
 use super::*;
 use crate::datasets;
 use crate::evaluation::{Scored, Space, TeamScore, score_team};

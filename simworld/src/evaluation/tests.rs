@@ -1,3 +1,5 @@
+//! Scores of made-up teams with known answers, and two trajectories scored by others before.
+
 use super::*;
 use crate::datasets;
 use crate::truth::pose_from_euler;

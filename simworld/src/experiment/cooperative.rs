@@ -16,7 +16,13 @@ use std::fmt::Write;
 
 /// How often the kind changes in the cells that mix kinds.
 const CHANGE_EVERY_S: f64 = 4.0;
-const KINDS: [Kind; 5] = [Kind::Pose, Kind::Orientation, Kind::Position, Kind::Bearing, Kind::Distance];
+const KINDS: [Kind; 5] = [
+    Kind::Pose,
+    Kind::Orientation,
+    Kind::Position,
+    Kind::Bearing,
+    Kind::Distance,
+];
 
 /// What measures in a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -95,11 +101,27 @@ pub struct CellResult {
 /// The cells of figures 3 and 4, and the kinds in turn.
 #[must_use]
 pub fn cells() -> Vec<Cell> {
-    let teams = (2..=5).map(|robots| Cell { robots, kind: CellKind::One(Kind::Pose) });
-    let kinds = KINDS[1..].iter().map(|kind| Cell { robots: 5, kind: CellKind::One(*kind) });
-    let alone = Cell { robots: 1, kind: CellKind::None };
-    let changing = Cell { robots: 5, kind: CellKind::Changing };
-    std::iter::once(alone).chain(teams).chain(kinds).chain([changing]).collect()
+    let teams = (2..=5).map(|robots| Cell {
+        robots,
+        kind: CellKind::One(Kind::Pose),
+    });
+    let kinds = KINDS[1..].iter().map(|kind| Cell {
+        robots: 5,
+        kind: CellKind::One(*kind),
+    });
+    let alone = Cell {
+        robots: 1,
+        kind: CellKind::None,
+    };
+    let changing = Cell {
+        robots: 5,
+        kind: CellKind::Changing,
+    };
+    std::iter::once(alone)
+        .chain(teams)
+        .chain(kinds)
+        .chain([changing])
+        .collect()
 }
 
 impl Cell {
@@ -195,7 +217,9 @@ fn fly(scenario: &Scenario, sample: u64, request: &Request) -> Result<Vec<PoseEr
     let errors = (0..=rounds).map(|k| {
         // Just before the next round, so that everything of this one has been heard.
         fleet.run_until((k + 1) * period_ns);
-        let (truth, estimate) = fleet.scored(0).expect("every vehicle of section V has a start pose");
+        let (truth, estimate) = fleet
+            .scored(0)
+            .expect("every vehicle of section V has a start pose");
         PoseError::between(&truth, &estimate)
     });
     Ok(errors.collect())
@@ -259,19 +283,49 @@ pub fn csv(results: &[CellResult]) -> String {
 /// # Errors
 /// [`PlotError`] when there is nothing to draw.
 pub fn figures(results: &[CellResult]) -> Result<Vec<(&'static str, String)>, PlotError> {
-    let teams = results.iter().filter(|r| r.kind == "pose" || r.kind == "none");
+    let teams = results
+        .iter()
+        .filter(|r| r.kind == "pose" || r.kind == "none");
     let teams = teams.map(|r| curve(r, format!("n = {}", r.robots)));
     let kinds = results.iter().filter(|r| r.robots == 5 || r.kind == "none");
-    let kinds = kinds.map(|r| curve(r, if r.kind == "none" { "self loc.".to_owned() } else { r.kind.clone() }));
+    let kinds = kinds.map(|r| {
+        curve(
+            r,
+            if r.kind == "none" {
+                "self loc.".to_owned()
+            } else {
+                r.kind.clone()
+            },
+        )
+    });
     Ok(vec![
-        ("figure-3-team-size.svg", plot::error_curves("Robot 1, relative pose, by team size", &teams.collect::<Vec<_>>())?),
-        ("figure-4-kinds.svg", plot::error_curves("Robot 1, five robots, by kind of measurement", &kinds.collect::<Vec<_>>())?),
+        (
+            "figure-3-team-size.svg",
+            plot::error_curves(
+                "Robot 1, relative pose, by team size",
+                &teams.collect::<Vec<_>>(),
+            )?,
+        ),
+        (
+            "figure-4-kinds.svg",
+            plot::error_curves(
+                "Robot 1, five robots, by kind of measurement",
+                &kinds.collect::<Vec<_>>(),
+            )?,
+        ),
     ])
 }
 
 fn curve(result: &CellResult, label: String) -> ErrorCurve {
-    let point = |(time_s, s): &(f64, ErrorSummary)| ErrorPoint { time_s: *time_s, mean_norm_m: s.mean_norm_m, std_m: s.std_m };
-    ErrorCurve { label, points: result.curve.iter().map(point).collect() }
+    let point = |(time_s, s): &(f64, ErrorSummary)| ErrorPoint {
+        time_s: *time_s,
+        mean_norm_m: s.mean_norm_m,
+        std_m: s.std_m,
+    };
+    ErrorCurve {
+        label,
+        points: result.curve.iter().map(point).collect(),
+    }
 }
 
 /// One realisation of figure 6: the path of robot 1 as it was, by odometry alone and with each kind.
@@ -307,19 +361,33 @@ pub fn figure_6(seed: u64) -> Result<Figure6, PlotError> {
             estimated.extend(fleet.scored(0).map(|(_, estimate)| planar(&estimate)));
         }
         let end = |path: &[(f64, f64)]| {
-            let (&(x, y), &(tx, ty)) = (path.last().unwrap_or(&(0.0, 0.0)), truth.last().unwrap_or(&(0.0, 0.0)));
+            let (&(x, y), &(tx, ty)) = (
+                path.last().unwrap_or(&(0.0, 0.0)),
+                truth.last().unwrap_or(&(0.0, 0.0)),
+            );
             (x - tx).hypot(y - ty)
         };
         if paths.is_empty() {
             final_error_m.push(("dead reckoning".to_owned(), end(&reckoned)));
-            paths.push(Path { label: "truth".to_owned(), kind: PathKind::Truth, points_m: truth.clone() });
-            paths.push(Path { label: "self loc.".to_owned(), kind: PathKind::DeadReckoning, points_m: reckoned });
+            paths.push(Path {
+                label: "truth".to_owned(),
+                kind: PathKind::Truth,
+                points_m: truth.clone(),
+            });
+            paths.push(Path {
+                label: "self loc.".to_owned(),
+                kind: PathKind::DeadReckoning,
+                points_m: reckoned,
+            });
         }
         let label = format!("{kind:?}").to_lowercase();
         final_error_m.push((label.clone(), end(&estimated)));
-        paths.push(Path { label, kind: PathKind::Estimate, points_m: estimated });
+        paths.push(Path {
+            label,
+            kind: PathKind::Estimate,
+            points_m: estimated,
+        });
     }
     let svg = plot::paths("Robot 1 of two on parallel lines, one realisation", &paths)?;
     Ok(Figure6 { svg, final_error_m })
 }
-

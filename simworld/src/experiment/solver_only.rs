@@ -2,8 +2,8 @@
 //!
 //! It is fast, and it is the second opinion on [`crate::fleet`]: over a perfect radio both must tell the same.
 
-use crate::truth::Pose;
 use crate::stage::Stage;
+use crate::truth::Pose;
 use crate::world::{World, from_transform, transform};
 use nalgebra::Vector3;
 use skein_estimation::cooperative::{Measurement, Noise, Optimiser, Refusal, Star, StarWorkspace};
@@ -29,10 +29,12 @@ pub fn fly(world: &mut World, optimiser: &Optimiser) -> Result<Vec<Vec<Pose>>, N
     if (0..team).any(|vehicle| world.first_instant_ns(vehicle, 0) != 0) {
         return Err(NotBare::Times);
     }
-    let mut estimates: Vec<Transform<WorldFrame, Body>> =
-        (0..team).map(|vehicle| transform(&world.pose(vehicle, 0))).collect();
-    let mounts: Vec<Transform<Body, Sensor>> =
-        (0..team).map(|vehicle| world.config(vehicle, 0).sensors[1].body_from_sensor).collect();
+    let mut estimates: Vec<Transform<WorldFrame, Body>> = (0..team)
+        .map(|vehicle| transform(&world.pose(vehicle, 0)))
+        .collect();
+    let mounts: Vec<Transform<Body, Sensor>> = (0..team)
+        .map(|vehicle| world.config(vehicle, 0).sensors[1].body_from_sensor)
+        .collect();
     let mut workspace = StarWorkspace::new();
     let mut star = Star::new(Transform::identity())?;
     let mut flown = Vec::new();
@@ -44,8 +46,8 @@ pub fn fly(world: &mut World, optimiser: &Optimiser) -> Result<Vec<Vec<Pose>>, N
                 match delivery.frame {
                     Frame::Odometry(frame) => {
                         let motion = Transform::<Body, Body>::from_rotation_vector(frame.motion);
-                        estimates[vehicle] =
-                            estimates[vehicle] * motion.map_err(|_| Refusal::NotFinite { what: "odometry" })?;
+                        estimates[vehicle] = estimates[vehicle]
+                            * motion.map_err(|_| Refusal::NotFinite { what: "odometry" })?;
                     }
                     Frame::Relative(frame) => {
                         let on_time = world.time_ns(vehicle, frame.taken_ns) == instant_ns;
@@ -64,7 +66,10 @@ pub fn fly(world: &mut World, optimiser: &Optimiser) -> Result<Vec<Vec<Pose>>, N
         // Simultaneous: everybody solves from the priors of this round (estimation from the paper's section IV).
         let priors = estimates.clone();
         for me in 0..team {
-            star.restart(priors[me].reframe(), skein_estimation::cooperative::AnchorWeight::UNIT)?;
+            star.restart(
+                priors[me].reframe(),
+                skein_estimation::cooperative::AnchorWeight::UNIT,
+            )?;
             for other in 0..team {
                 let (mine, theirs) = (measured[me][other], measured[other][me]);
                 if mine.is_none() && theirs.is_none() {
@@ -79,7 +84,10 @@ pub fn fly(world: &mut World, optimiser: &Optimiser) -> Result<Vec<Vec<Pose>>, N
                     star.measured_by_neighbour(neighbour, measurement, noise, end, mounts[other])?;
                 }
             }
-            estimates[me] = star.solve(&mut workspace, optimiser).world_from_body.reframe();
+            estimates[me] = star
+                .solve(&mut workspace, optimiser)
+                .world_from_body
+                .reframe();
         }
         if instant_ns >= 0 {
             flown.push(estimates.iter().map(from_transform).collect());
@@ -92,23 +100,60 @@ pub fn fly(world: &mut World, optimiser: &Optimiser) -> Result<Vec<Vec<Pose>>, N
 fn measurement(value: &RelativeValue) -> Result<(Measurement, Noise), Refusal> {
     let rotation = |vector: &[f64; 3]| so3::exp(&Vector3::from(*vector));
     Ok(match value {
-        RelativeValue::Pose { sensor_from_target: [a, b, c, x, y, z], rotation_sigma_rad, translation_sigma_m } => (
-            Measurement::pose(Transform::new(rotation(&[*a, *b, *c]), Vector3::new(*x, *y, *z)))?,
-            Noise { rotation_rad: *rotation_sigma_rad, translation: *translation_sigma_m },
+        RelativeValue::Pose {
+            sensor_from_target: [a, b, c, x, y, z],
+            rotation_sigma_rad,
+            translation_sigma_m,
+        } => (
+            Measurement::pose(Transform::new(
+                rotation(&[*a, *b, *c]),
+                Vector3::new(*x, *y, *z),
+            ))?,
+            Noise {
+                rotation_rad: *rotation_sigma_rad,
+                translation: *translation_sigma_m,
+            },
         ),
-        RelativeValue::Orientation { rotation_vector_rad, sigma_rad } => (
+        RelativeValue::Orientation {
+            rotation_vector_rad,
+            sigma_rad,
+        } => (
             Measurement::orientation(rotation(rotation_vector_rad))?,
-            Noise { rotation_rad: *sigma_rad, translation: 0.0 },
+            Noise {
+                rotation_rad: *sigma_rad,
+                translation: 0.0,
+            },
         ),
-        RelativeValue::Position { position_m, sigma_m } => {
-            (Measurement::position(Vector3::from(*position_m))?, Noise { rotation_rad: 0.0, translation: *sigma_m })
-        }
-        RelativeValue::Bearing { direction, sigma_rad } => {
-            (Measurement::bearing(Vector3::from(*direction))?, Noise { rotation_rad: *sigma_rad, translation: 0.0 })
-        }
-        RelativeValue::Distance { distance_m, sigma_m } => {
-            (Measurement::distance(*distance_m)?, Noise { rotation_rad: 0.0, translation: *sigma_m })
-        }
+        RelativeValue::Position {
+            position_m,
+            sigma_m,
+        } => (
+            Measurement::position(Vector3::from(*position_m))?,
+            Noise {
+                rotation_rad: 0.0,
+                translation: *sigma_m,
+            },
+        ),
+        RelativeValue::Bearing {
+            direction,
+            sigma_rad,
+        } => (
+            Measurement::bearing(Vector3::from(*direction))?,
+            Noise {
+                rotation_rad: *sigma_rad,
+                translation: 0.0,
+            },
+        ),
+        RelativeValue::Distance {
+            distance_m,
+            sigma_m,
+        } => (
+            Measurement::distance(*distance_m)?,
+            Noise {
+                rotation_rad: 0.0,
+                translation: *sigma_m,
+            },
+        ),
     })
 }
 
@@ -137,7 +182,13 @@ mod tests {
     #[test]
     fn a_fleet_over_a_perfect_radio_tells_what_the_bare_algorithm_tells() {
         let mut scenario = Scenario::built_in("section-v").unwrap();
-        for kind in [Kind::Pose, Kind::Orientation, Kind::Position, Kind::Bearing, Kind::Distance] {
+        for kind in [
+            Kind::Pose,
+            Kind::Orientation,
+            Kind::Position,
+            Kind::Bearing,
+            Kind::Distance,
+        ] {
             scenario.sensor.kind = kind;
             agree(&scenario);
         }

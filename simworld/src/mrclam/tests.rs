@@ -1,3 +1,5 @@
+//! Recordings that are wrong in known ways, and the real one.
+
 use super::*;
 use crate::datasets;
 

@@ -1,3 +1,5 @@
+//! What the sensors see, miss and make up, against the noise that was asked for.
+
 use super::*;
 use crate::truth::pose_from_euler;
 use crate::von_mises_fisher::VonMisesFisher;

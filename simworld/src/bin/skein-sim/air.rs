@@ -29,9 +29,22 @@ impl Air {
         let session = zenoh::open(network.zenoh()?)
             .wait()
             .map_err(|error| miette!("the world's Zenoh session does not open: {error}"))?;
-        let air = Self { session, fleet, estimates: Newest::default(), healths: Newest::default() };
-        air.listen(&select::estimates(fleet), &air.estimates, |document: &EstimateDocument| document.vehicle)?;
-        air.listen(&select::healths(fleet), &air.healths, |document: &HealthDocument| document.vehicle)?;
+        let air = Self {
+            session,
+            fleet,
+            estimates: Newest::default(),
+            healths: Newest::default(),
+        };
+        air.listen(
+            &select::estimates(fleet),
+            &air.estimates,
+            |document: &EstimateDocument| document.vehicle,
+        )?;
+        air.listen(
+            &select::healths(fleet),
+            &air.healths,
+            |document: &HealthDocument| document.vehicle,
+        )?;
         Ok(air)
     }
 
@@ -50,7 +63,10 @@ impl Air {
                     return;
                 }
                 if let Ok(document) = serde_json::from_slice::<T>(&bytes) {
-                    newest.lock().unwrap_or_else(PoisonError::into_inner).insert(of(&document), document);
+                    newest
+                        .lock()
+                        .unwrap_or_else(PoisonError::into_inner)
+                        .insert(of(&document), document);
                 }
             })
             .background()
@@ -60,23 +76,46 @@ impl Air {
 
     /// The newest estimate of a vehicle.
     pub(crate) fn estimate(&self, vehicle: Name) -> Option<EstimateDocument> {
-        self.estimates.lock().unwrap_or_else(PoisonError::into_inner).get(&vehicle).cloned()
+        self.estimates
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .get(&vehicle)
+            .cloned()
     }
 
     /// The newest health of a vehicle.
     pub(crate) fn health(&self, vehicle: Name) -> Option<HealthDocument> {
-        self.healths.lock().unwrap_or_else(PoisonError::into_inner).get(&vehicle).cloned()
+        self.healths
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .get(&vehicle)
+            .cloned()
     }
 
     /// Tells all agents what the radio does from now on.
     pub(crate) fn dictate(&self, faults: &Faults) -> miette::Result<()> {
-        let text = serde_json::to_string(faults).into_diagnostic().wrap_err("faults")?;
-        self.put(Key::Sim { channel: SimChannel::Faults }, text.into_bytes(), Encoding::APPLICATION_JSON)
+        let text = serde_json::to_string(faults)
+            .into_diagnostic()
+            .wrap_err("faults")?;
+        self.put(
+            Key::Sim {
+                channel: SimChannel::Faults,
+            },
+            text.into_bytes(),
+            Encoding::APPLICATION_JSON,
+        )
     }
 
     /// Brings a frame to the driver of an agent in another process.
     pub(crate) fn drive(&self, vehicle: Name, sensor: Name, frame: Vec<u8>) -> miette::Result<()> {
-        self.put(Key::Driver { of: vehicle, sensor }, frame, Encoding::APPLICATION_OCTET_STREAM)
+        self.put(
+            Key::Driver {
+                of: vehicle,
+                sensor,
+            },
+            frame,
+            Encoding::APPLICATION_OCTET_STREAM,
+        )
     }
 
     fn put(&self, key: Key, bytes: Vec<u8>, encoding: Encoding) -> miette::Result<()> {

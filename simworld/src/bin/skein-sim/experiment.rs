@@ -1,8 +1,8 @@
 //! `skein-sim experiment ...`: many virtual flights, tables and figures.
 
+use crate::files::write;
 use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
-use crate::files::write;
 use miette::IntoDiagnostic;
 use skein_estimation::cooperative::Optimiser;
 use skein_simworld::experiment::cooperative::{self, CellResult, Engine, Request};
@@ -51,12 +51,21 @@ fn cooperative(arguments: &CooperativeArguments) -> miette::Result<()> {
     let request = Request {
         samples: arguments.samples,
         seed: arguments.seed,
-        engine: if arguments.solver_only { Engine::SolverOnly } else { Engine::Vehicle },
-        optimiser: if arguments.descent { Optimiser::descent() } else { Optimiser::gauss_newton() },
+        engine: if arguments.solver_only {
+            Engine::SolverOnly
+        } else {
+            Engine::Vehicle
+        },
+        optimiser: if arguments.descent {
+            Optimiser::descent()
+        } else {
+            Optimiser::gauss_newton()
+        },
     };
     let cells = cooperative::cells();
     let progress = ProgressBar::new(arguments.samples * cells.len() as u64).with_style(
-        ProgressStyle::with_template("{wide_bar} {pos}/{len} flights, {eta} left, {msg}").into_diagnostic()?,
+        ProgressStyle::with_template("{wide_bar} {pos}/{len} flights, {eta} left, {msg}")
+            .into_diagnostic()?,
     );
     let mut results: Vec<CellResult> = Vec::new();
     for cell in cells {
@@ -70,9 +79,16 @@ fn cooperative(arguments: &CooperativeArguments) -> miette::Result<()> {
     for (name, svg) in cooperative::figures(&results).into_diagnostic()? {
         write(&arguments.output, name, &svg)?;
     }
-    write(&arguments.output, "figure-6-parallel-lines.svg", &figure_6.svg)?;
+    write(
+        &arguments.output,
+        "figure-6-parallel-lines.svg",
+        &figure_6.svg,
+    )?;
     if arguments.json {
-        println!("{}", serde_json::to_string_pretty(&results).into_diagnostic()?);
+        println!(
+            "{}",
+            serde_json::to_string_pretty(&results).into_diagnostic()?
+        );
         return Ok(());
     }
     print!("{}", cooperative::table(&results));
@@ -86,5 +102,8 @@ fn cooperative(arguments: &CooperativeArguments) -> miette::Result<()> {
 
 /// A pool of the threads asked for.
 fn rayon_pool(threads: Option<usize>) -> miette::Result<rayon::ThreadPool> {
-    rayon::ThreadPoolBuilder::new().num_threads(threads.unwrap_or(0)).build().into_diagnostic()
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads.unwrap_or(0))
+        .build()
+        .into_diagnostic()
 }

@@ -6,7 +6,9 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use miette::{IntoDiagnostic, miette};
 use serde::Serialize;
-use skein_agent::{Agent, Clock, DriverSettings, FaultSettings, FrameSender, NetworkSettings, Settings, new_boot};
+use skein_agent::{
+    Agent, Clock, DriverSettings, FaultSettings, FrameSender, NetworkSettings, Settings, new_boot,
+};
 use skein_estimation::time::{Span, Stamp};
 use skein_proto::faults::Faults;
 use skein_proto::name::Name;
@@ -104,7 +106,10 @@ pub(crate) fn run(arguments: &FlyArguments) -> miette::Result<()> {
     let scenario = scenario(arguments)?;
     let result = Flight::prepare(&scenario, arguments)?.fly(&scenario)?;
     if arguments.json {
-        println!("{}", serde_json::to_string_pretty(&result).into_diagnostic()?);
+        println!(
+            "{}",
+            serde_json::to_string_pretty(&result).into_diagnostic()?
+        );
     } else {
         print!("{}", table(&result));
     }
@@ -123,7 +128,11 @@ fn scenario(arguments: &FlyArguments) -> miette::Result<Scenario> {
     scenario.duration_s = arguments.duration.unwrap_or(scenario.duration_s);
     scenario.radio.loss = arguments.loss.unwrap_or(scenario.radio.loss);
     scenario.radio.delay_s = arguments.delay.unwrap_or(scenario.radio.delay_s);
-    let faults = Faults { loss: scenario.radio.loss, delay_s: scenario.radio.delay_s, silent: Vec::new() };
+    let faults = Faults {
+        loss: scenario.radio.loss,
+        delay_s: scenario.radio.delay_s,
+        silent: Vec::new(),
+    };
     faults.check().into_diagnostic()?;
     if !scenario.duration_s.is_finite() || scenario.duration_s <= 0.0 {
         return Err(miette!("--duration must be a positive number of seconds"));
@@ -146,7 +155,11 @@ impl Flight {
     fn prepare(scenario: &Scenario, arguments: &FlyArguments) -> miette::Result<Self> {
         let world = World::new(scenario, arguments.sample);
         let clock = Clock::real();
-        let agents = if arguments.world_only { Vec::new() } else { start_agents(&world, clock, arguments)? };
+        let agents = if arguments.world_only {
+            Vec::new()
+        } else {
+            start_agents(&world, clock, arguments)?
+        };
         let network = match agents.first() {
             Some(first) => NetworkSettings::loopback(first.locators()),
             None => NetworkSettings {
@@ -160,11 +173,29 @@ impl Flight {
         let world = world.at_unix_time(zero.as_nanos());
         let zero = Stamp::from_nanos(world.stamp_ns(0, 0) - world.clock_ahead_ns(0));
         let sensors = |agent: &Agent, vehicle: usize| -> BTreeMap<Name, FrameSender> {
-            let names = world.config(vehicle, 0).sensors.into_iter().map(|sensor| sensor.name);
-            names.filter_map(|name| Some((name, agent.driver(name)?))).collect()
+            let names = world
+                .config(vehicle, 0)
+                .sensors
+                .into_iter()
+                .map(|sensor| sensor.name);
+            names
+                .filter_map(|name| Some((name, agent.driver(name)?)))
+                .collect()
         };
-        let drivers = agents.iter().enumerate().map(|(vehicle, agent)| sensors(agent, vehicle)).collect();
-        Ok(Self { world, agents, drivers, air, clock, zero, sample: arguments.sample })
+        let drivers = agents
+            .iter()
+            .enumerate()
+            .map(|(vehicle, agent)| sensors(agent, vehicle))
+            .collect();
+        Ok(Self {
+            world,
+            agents,
+            drivers,
+            air,
+            clock,
+            zero,
+            sample: arguments.sample,
+        })
     }
 
     /// Plays the world in real time and keeps score.
@@ -172,8 +203,9 @@ impl Flight {
         let (_, end_ns) = self.world.span_ns();
         let vehicles = self.world.vehicles();
         let mut score = Score::new(vehicles);
-        let progress = ProgressBar::new(scenario.duration_s.ceil() as u64)
-            .with_style(ProgressStyle::with_template("{wide_bar} {pos}/{len} s  {msg}").into_diagnostic()?);
+        let progress = ProgressBar::new(scenario.duration_s.ceil() as u64).with_style(
+            ProgressStyle::with_template("{wide_bar} {pos}/{len} s  {msg}").into_diagnostic()?,
+        );
         progress.set_message("the vehicles find each other");
         let mut events: BTreeMap<(i64, u64), Event> = BTreeMap::new();
         let mut order = 0;
@@ -183,8 +215,17 @@ impl Flight {
         };
         let begin_ns = self.now_ns();
         for vehicle in 0..vehicles {
-            let instant_ns = self.world.first_instant_ns(vehicle, begin_ns + self.world.period_ns());
-            push(&mut events, begin_ns, Event::Prepare { vehicle, instant_ns });
+            let instant_ns = self
+                .world
+                .first_instant_ns(vehicle, begin_ns + self.world.period_ns());
+            push(
+                &mut events,
+                begin_ns,
+                Event::Prepare {
+                    vehicle,
+                    instant_ns,
+                },
+            );
         }
         push(&mut events, begin_ns, Event::Dictate);
         push(&mut events, self.world.period_ns(), Event::Score);
@@ -194,13 +235,27 @@ impl Flight {
             }
             self.sleep_until(at_ns);
             match event {
-                Event::Prepare { vehicle, instant_ns } => {
+                Event::Prepare {
+                    vehicle,
+                    instant_ns,
+                } => {
                     for delivery in self.world.round(vehicle, instant_ns) {
-                        push(&mut events, delivery.at_ns, Event::Bring { vehicle, delivery });
+                        push(
+                            &mut events,
+                            delivery.at_ns,
+                            Event::Bring { vehicle, delivery },
+                        );
                     }
                     score.reckon(&self.world, vehicle, instant_ns);
                     let next_ns = instant_ns + self.world.period_ns();
-                    push(&mut events, instant_ns, Event::Prepare { vehicle, instant_ns: next_ns });
+                    push(
+                        &mut events,
+                        instant_ns,
+                        Event::Prepare {
+                            vehicle,
+                            instant_ns: next_ns,
+                        },
+                    );
                 }
                 Event::Bring { vehicle, delivery } => self.bring(vehicle, &delivery)?,
                 Event::Dictate => {
@@ -230,17 +285,27 @@ impl Flight {
     }
 
     fn sleep_until(&self, at_ns: i64) {
-        let wait = self.clock.real_time(Span::from_nanos(at_ns - self.now_ns()));
+        let wait = self
+            .clock
+            .real_time(Span::from_nanos(at_ns - self.now_ns()));
         std::thread::sleep(wait);
     }
 
     fn bring(&self, vehicle: usize, delivery: &Delivery) -> miette::Result<()> {
-        match self.drivers.get(vehicle).and_then(|sensors| sensors.get(&delivery.sensor)) {
+        match self
+            .drivers
+            .get(vehicle)
+            .and_then(|sensors| sensors.get(&delivery.sensor))
+        {
             Some(driver) => {
                 driver.send(&delivery.frame);
                 Ok(())
             }
-            None => self.air.drive(self.world.name(vehicle), delivery.sensor, delivery.frame.encode()),
+            None => self.air.drive(
+                self.world.name(vehicle),
+                delivery.sensor,
+                delivery.frame.encode(),
+            ),
         }
     }
 
@@ -251,13 +316,19 @@ impl Flight {
         let mut silent = Vec::new();
         for a in 0..vehicles {
             for b in a + 1..vehicles {
-                let far = radio.range_m.is_some_and(|range_m| (place(a) - place(b)).norm() > range_m);
+                let far = radio
+                    .range_m
+                    .is_some_and(|range_m| (place(a) - place(b)).norm() > range_m);
                 if far || radio.is_silenced(seconds(at_ns), a, b) {
                     silent.push((self.world.name(a), self.world.name(b)));
                 }
             }
         }
-        Faults { loss: radio.loss, delay_s: radio.delay_s, silent }
+        Faults {
+            loss: radio.loss,
+            delay_s: radio.delay_s,
+            silent,
+        }
     }
 }
 
@@ -269,7 +340,11 @@ enum Event {
 }
 
 /// One agent a vehicle, each dialling those before it.
-fn start_agents(world: &World, clock: Clock, arguments: &FlyArguments) -> miette::Result<Vec<Agent>> {
+fn start_agents(
+    world: &World,
+    clock: Clock,
+    arguments: &FlyArguments,
+) -> miette::Result<Vec<Agent>> {
     let mut agents: Vec<Agent> = Vec::new();
     for vehicle in 0..world.vehicles() {
         let connect = agents.iter().flat_map(Agent::locators).collect();
@@ -281,16 +356,29 @@ fn start_agents(world: &World, clock: Clock, arguments: &FlyArguments) -> miette
             }
         }
         let ahead = Span::from_nanos(world.clock_ahead_ns(vehicle));
-        let drivers = config.sensors.iter().map(|sensor| (sensor.name, DriverSettings::Process)).collect();
-        let log = arguments.log.as_ref().map(|folder| folder.join(format!("{}.mcap", config.vehicle)));
+        let drivers = config
+            .sensors
+            .iter()
+            .map(|sensor| (sensor.name, DriverSettings::Process))
+            .collect();
+        let log = arguments
+            .log
+            .as_ref()
+            .map(|folder| folder.join(format!("{}.mcap", config.vehicle)));
         let agent = Agent::start(Settings {
             fleet: arguments.fleet,
             vehicle: config,
             drivers,
             network: NetworkSettings::loopback(connect),
-            clock: if ahead == Span::ZERO { clock } else { Clock::scaled(clock.now() + ahead, 1.0) },
+            clock: if ahead == Span::ZERO {
+                clock
+            } else {
+                Clock::scaled(clock.now() + ahead, 1.0)
+            },
             log,
-            faults: Some(FaultSettings { seed: world.streams().seed.wrapping_add(vehicle as u64) }),
+            faults: Some(FaultSettings {
+                seed: world.streams().seed.wrapping_add(vehicle as u64),
+            }),
         })?;
         if !agent.wait_open(OPEN_TIMEOUT) {
             return Err(miette!(
@@ -313,7 +401,11 @@ struct Score {
 
 impl Score {
     fn new(vehicles: usize) -> Self {
-        Self { estimated: vec![Vec::new(); vehicles], reckoned: vec![Vec::new(); vehicles], statuses: vec![None; vehicles] }
+        Self {
+            estimated: vec![Vec::new(); vehicles],
+            reckoned: vec![Vec::new(); vehicles],
+            statuses: vec![None; vehicles],
+        }
     }
 
     fn reckon(&mut self, world: &World, vehicle: usize, instant_ns: i64) {
@@ -328,7 +420,9 @@ impl Score {
     fn take(&mut self, world: &World, air: &Air) -> f64 {
         let mut squares = Vec::new();
         for (vehicle, errors) in self.estimated.iter_mut().enumerate() {
-            let Some(document) = air.estimate(world.name(vehicle)) else { continue };
+            let Some(document) = air.estimate(world.name(vehicle)) else {
+                continue;
+            };
             self.statuses[vehicle] = Some(document.status);
             let Some(pose) = document.pose else { continue };
             let truth = world.pose(vehicle, world.time_ns(vehicle, document.taken_ns));
@@ -344,18 +438,30 @@ impl Score {
             let errors = &self.estimated[vehicle];
             let health = air.health(world.name(vehicle));
             let present = |health: &skein_proto::document::HealthDocument| {
-                health.neighbours.values().filter(|neighbour| neighbour.present).count()
+                health
+                    .neighbours
+                    .values()
+                    .filter(|neighbour| neighbour.present)
+                    .count()
             };
             let reckoned = &self.reckoned[vehicle];
             VehicleResult {
                 vehicle: world.name(vehicle),
-                status: self.statuses[vehicle].map_or("silent", Status::words).to_owned(),
+                status: self.statuses[vehicle]
+                    .map_or("silent", Status::words)
+                    .to_owned(),
                 final_m: errors.last().map(|error| error.position_m.norm()),
                 rmse_m: root_mean(errors.iter().map(|error| error.position_m.norm_squared())),
-                orientation_rad: (!errors.is_empty())
-                    .then(|| errors.iter().map(|error| error.orientation_rad).sum::<f64>() / errors.len() as f64),
+                orientation_rad: (!errors.is_empty()).then(|| {
+                    errors
+                        .iter()
+                        .map(|error| error.orientation_rad)
+                        .sum::<f64>()
+                        / errors.len() as f64
+                }),
                 dead_reckoning_final_m: reckoned.last().copied().unwrap_or(f64::NAN),
-                dead_reckoning_rmse_m: root_mean(reckoned.iter().map(|e| e * e)).unwrap_or(f64::NAN),
+                dead_reckoning_rmse_m: root_mean(reckoned.iter().map(|e| e * e))
+                    .unwrap_or(f64::NAN),
                 neighbours: health.as_ref().map_or(0, present),
                 rounds_solved: health.as_ref().map_or(0, |health| health.rounds.solved),
                 packets_lost: health
@@ -365,7 +471,11 @@ impl Score {
             }
         });
         let vehicles: Vec<VehicleResult> = vehicles.collect();
-        let estimated = self.estimated.iter().flatten().map(|error| error.position_m.norm_squared());
+        let estimated = self
+            .estimated
+            .iter()
+            .flatten()
+            .map(|error| error.position_m.norm_squared());
         let reckoned = self.reckoned.iter().flatten().map(|error| error * error);
         FlightResult {
             scenario: scenario.name.clone(),
@@ -380,13 +490,18 @@ impl Score {
 
 /// The root of the mean; none of nothing.
 fn root_mean(squares: impl Iterator<Item = f64>) -> Option<f64> {
-    let (sum, count) = squares.fold((0.0, 0usize), |(sum, count), square| (sum + square, count + 1));
+    let (sum, count) = squares.fold((0.0, 0usize), |(sum, count), square| {
+        (sum + square, count + 1)
+    });
     (count > 0).then(|| (sum / count as f64).sqrt())
 }
 
 fn table(result: &FlightResult) -> String {
     let metres = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.3}"));
-    let mut text = format!("{} (seed {}, sample {})\n\n", result.scenario, result.seed, result.sample);
+    let mut text = format!(
+        "{} (seed {}, sample {})\n\n",
+        result.scenario, result.seed, result.sample
+    );
     text.push_str("                             position error, m       odometry alone, m\n");
     text.push_str("vehicle  status              final       RMSE       final       RMSE  neighbours  rounds\n");
     for row in &result.vehicles {

@@ -56,7 +56,9 @@ pub(crate) fn run(replay: &Replay) -> miette::Result<()> {
             let text = std::fs::read_to_string(path)
                 .into_diagnostic()
                 .wrap_err_with(|| format!("cannot read the calibration {}", path.display()))?;
-            Calibration::parse(&text).into_diagnostic().wrap_err_with(|| path.display().to_string())?
+            Calibration::parse(&text)
+                .into_diagnostic()
+                .wrap_err_with(|| path.display().to_string())?
         }
     };
     let recording = datasets::read_mrclam(&arguments.folder)
@@ -67,18 +69,25 @@ pub(crate) fn run(replay: &Replay) -> miette::Result<()> {
         Some(duration_s) => recorded.duration_ns().min((duration_s * 1e9) as i64),
         None => recorded.duration_ns(),
     };
-    let progress = ProgressBar::new((end_ns / 1_000_000_000).unsigned_abs())
-        .with_style(ProgressStyle::with_template("{wide_bar} {pos}/{len} s recorded, {eta} left").into_diagnostic()?);
+    let progress = ProgressBar::new((end_ns / 1_000_000_000).unsigned_abs()).with_style(
+        ProgressStyle::with_template("{wide_bar} {pos}/{len} s recorded, {eta} left")
+            .into_diagnostic()?,
+    );
     let (flown, recorded) = if arguments.in_virtual_time {
         fly_virtually(recorded, end_ns, &progress)
     } else {
         fly_live(recorded, end_ns, arguments.speed, &progress)?
     };
     progress.finish_and_clear();
-    let score = flown.score(&recorded).ok_or_else(|| miette!("there is nothing to score: no vehicle had an estimate"))?;
+    let score = flown
+        .score(&recorded)
+        .ok_or_else(|| miette!("there is nothing to score: no vehicle had an estimate"))?;
     write_files(arguments, &flown, &recorded)?;
     if arguments.json {
-        println!("{}", serde_json::to_string_pretty(&score).into_diagnostic()?);
+        println!(
+            "{}",
+            serde_json::to_string_pretty(&score).into_diagnostic()?
+        );
     } else {
         print!("{}", table(&score));
         println!("\nTUM and SVG files: {}", arguments.output.display());
@@ -95,7 +104,10 @@ fn fly_virtually(recorded: Recorded, end_ns: i64, progress: &ProgressBar) -> (Fl
         fleet.run_until(at_ns + 1);
         let newest = |robot| {
             let estimate = fleet.estimate(robot)?;
-            Some((fleet.stage().time_ns(robot, estimate.taken_ns), pose_of(estimate.pose.as_ref()?)))
+            Some((
+                fleet.stage().time_ns(robot, estimate.taken_ns),
+                pose_of(estimate.pose.as_ref()?),
+            ))
         };
         flown.push((0..fleet.len()).map(newest).collect());
         progress.set_position((at_ns / 1_000_000_000).unsigned_abs());
@@ -106,7 +118,9 @@ fn fly_virtually(recorded: Recorded, end_ns: i64, progress: &ProgressBar) -> (Fl
 
 #[cfg(not(feature = "live"))]
 fn fly_live(_: Recorded, _: i64, _: f64, _: &ProgressBar) -> miette::Result<(Flown, Recorded)> {
-    Err(miette!("this program was built without the feature `live`: use --virtual"))
+    Err(miette!(
+        "this program was built without the feature `live`: use --virtual"
+    ))
 }
 
 #[cfg(feature = "live")]
@@ -116,7 +130,9 @@ fn fly_live(
     speed: f64,
     progress: &ProgressBar,
 ) -> miette::Result<(Flown, Recorded)> {
-    use skein_agent::{Agent, Clock, DriverSettings, NetworkSettings, Settings, TimedFrame, new_boot};
+    use skein_agent::{
+        Agent, Clock, DriverSettings, NetworkSettings, Settings, TimedFrame, new_boot,
+    };
     use skein_estimation::time::{Span, Stamp};
     use std::time::Duration;
 
@@ -126,20 +142,31 @@ fn fly_live(
         return Err(miette!("--speed must lie between 0.01 and 100"));
     }
     let zero = Stamp::from_nanos(recorded.start_unix_ns());
-    let begin = zero + Span::from_nanos(recorded.begins_ns()) - Span::from_secs_f64(GATHERING_S * speed);
+    let begin =
+        zero + Span::from_nanos(recorded.begins_ns()) - Span::from_secs_f64(GATHERING_S * speed);
     let clock = Clock::scaled(begin, speed);
     let mut agents: Vec<Agent> = Vec::new();
     for robot in 0..recorded.vehicles() {
         let config = recorded.config(robot, new_boot());
         let played = |sensor| {
-            let frames = recorded.frames(robot).iter().filter(|delivery| delivery.sensor == sensor);
+            let frames = recorded
+                .frames(robot)
+                .iter()
+                .filter(|delivery| delivery.sensor == sensor);
             let timed = |at_ns| zero + Span::from_nanos(at_ns);
-            let frames = frames.map(|delivery| TimedFrame { arrival: timed(delivery.at_ns), frame: delivery.frame.clone() });
+            let frames = frames.map(|delivery| TimedFrame {
+                arrival: timed(delivery.at_ns),
+                frame: delivery.frame.clone(),
+            });
             DriverSettings::Frames(frames.collect())
         };
         let agent = Agent::start(Settings {
             fleet: skein_proto::name::Name::parse("mrclam").into_diagnostic()?,
-            drivers: config.sensors.iter().map(|sensor| (sensor.name, played(sensor.name))).collect(),
+            drivers: config
+                .sensors
+                .iter()
+                .map(|sensor| (sensor.name, played(sensor.name)))
+                .collect(),
             vehicle: config,
             network: NetworkSettings::loopback(agents.iter().flat_map(Agent::locators).collect()),
             clock,
@@ -147,7 +174,10 @@ fn fly_live(
             faults: None,
         })?;
         if !agent.wait_open(Duration::from_secs(20)) {
-            return Err(miette!("the Zenoh session of robot {} did not open", robot + 1));
+            return Err(miette!(
+                "the Zenoh session of robot {} did not open",
+                robot + 1
+            ));
         }
         agents.push(agent);
     }
@@ -171,16 +201,31 @@ fn fly_live(
     Ok((flown, recorded))
 }
 
-fn write_files(arguments: &MrclamArguments, flown: &Flown, recorded: &Recorded) -> miette::Result<()> {
+fn write_files(
+    arguments: &MrclamArguments,
+    flown: &Flown,
+    recorded: &Recorded,
+) -> miette::Result<()> {
     for robot in 0..recorded.vehicles() {
         let name = recorded.name(robot);
         let [truth, estimate, odometry] = flown.trajectories(recorded, robot);
-        files::write(&arguments.output, &format!("{name}-truth.tum"), &tum::write(&truth))?;
-        files::write(&arguments.output, &format!("{name}-estimate.tum"), &tum::write(&estimate))?;
+        files::write(
+            &arguments.output,
+            &format!("{name}-truth.tum"),
+            &tum::write(&truth),
+        )?;
+        files::write(
+            &arguments.output,
+            &format!("{name}-estimate.tum"),
+            &tum::write(&estimate),
+        )?;
         let path = |label: &str, kind, poses: &[StampedPose]| Path {
             label: label.to_owned(),
             kind,
-            points_m: poses.iter().map(|at| (at.pose.translation.x, at.pose.translation.y)).collect(),
+            points_m: poses
+                .iter()
+                .map(|at| (at.pose.translation.x, at.pose.translation.y))
+                .collect(),
         };
         let paths = [
             path("truth", PathKind::Truth, &truth),
@@ -194,17 +239,35 @@ fn write_files(arguments: &MrclamArguments, flown: &Flown, recorded: &Recorded) 
 }
 
 fn table(score: &ReplayScore) -> String {
-    let mut text = String::from("          position RMSE m  mean m  heading RMSE rad  odometry alone RMSE m\n");
+    let mut text = String::from(
+        "          position RMSE m  mean m  heading RMSE rad  odometry alone RMSE m\n",
+    );
     for robot in &score.robots {
         let _ = writeln!(
             text,
             "{:<9} {:>15.3} {:>7.3} {:>17.3} {:>22.3}",
-            robot.robot, robot.position_rmse_m, robot.position_mean_m, robot.heading_rmse_rad, robot.dead_reckoning_rmse_m
+            robot.robot,
+            robot.position_rmse_m,
+            robot.position_mean_m,
+            robot.heading_rmse_rad,
+            robot.dead_reckoning_rmse_m
         );
     }
-    text.push_str("\n                position RMSE m  mean m  heading RMSE rad  instant m  relative m\n");
-    for (label, row) in [("team", &score.team), ("odometry alone", &score.dead_reckoning)] {
-        let Score { position_rmse_m, position_mean_m, heading_rmse_rad, instant_rmse_m, relative_rmse_m, .. } = row;
+    text.push_str(
+        "\n                position RMSE m  mean m  heading RMSE rad  instant m  relative m\n",
+    );
+    for (label, row) in [
+        ("team", &score.team),
+        ("odometry alone", &score.dead_reckoning),
+    ] {
+        let Score {
+            position_rmse_m,
+            position_mean_m,
+            heading_rmse_rad,
+            instant_rmse_m,
+            relative_rmse_m,
+            ..
+        } = row;
         let _ = writeln!(
             text,
             "{label:<15} {position_rmse_m:>15.3} {position_mean_m:>7.3} {heading_rmse_rad:>17.3} {instant_rmse_m:>10.3} {relative_rmse_m:>11.3}"
