@@ -2,7 +2,7 @@
 //! bit by bit (`verify`). Written by its own thread over a bounded queue; a killed process leaves a readable prefix.
 //!
 //! The file has one metadata record `skein` (who flew, with the vehicle's configuration), and two channels of postcard:
-//! `input` ([`InputRecord`]) and, behind each of those, its `output`s ([`OutputRecord`]). Message sequence = step.
+//! `input` (`InputRecord`) and, behind each of those, its `output`s (`OutputRecord`). Message sequence = step.
 
 use crate::queue::{Queue, WhenFull};
 use mcap::records::{MessageHeader, Metadata};

@@ -138,6 +138,15 @@ pub enum FixValue {
         /// Standard deviation per axis (rad).
         sigma_rad: f64,
     },
+    /// Where the sensor sees a point whose place is known: a surveyed tag, a beacon.
+    Landmark {
+        /// The landmark in the world: east, north, up (m).
+        landmark_m: [f64; 3],
+        /// The landmark in the sensor's frame (m).
+        position_m: [f64; 3],
+        /// Standard deviation per axis (m).
+        sigma_m: f64,
+    },
 }
 
 /// Distances to identified team-mates, read at one instant.
@@ -338,6 +347,15 @@ impl FixValue {
             } => {
                 check::rotation_vector("rotation_vector_rad", rotation_vector_rad)?;
                 check::sigma("sigma_rad", *sigma_rad)
+            }
+            Self::Landmark {
+                landmark_m,
+                position_m,
+                sigma_m,
+            } => {
+                check::position("landmark_m", landmark_m)?;
+                check::position("position_m", position_m)?;
+                check::sigma("sigma_m", *sigma_m)
             }
         }
     }

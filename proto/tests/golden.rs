@@ -240,6 +240,14 @@ fn frames() -> Vec<(&'static str, Frame)> {
             }),
         ),
         (
+            "frame fix landmark",
+            fix(FixValue::Landmark {
+                landmark_m: [5.0, 6.0, 1.0],
+                position_m: [1.0, 2.0, 3.0],
+                sigma_m: 0.1,
+            }),
+        ),
+        (
             "frame ranges",
             Frame::Ranges(RangesFrame {
                 taken_ns,

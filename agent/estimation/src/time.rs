@@ -66,7 +66,7 @@ impl Span {
 
     /// Whole microseconds, rounded to nearest.
     pub const fn as_micros_rounded(self) -> i64 {
-        (self.0 + 500).div_euclid(1_000)
+        self.0.saturating_add(500).div_euclid(1_000)
     }
 
     /// Seconds.
@@ -175,5 +175,9 @@ mod tests {
         assert_eq!(Span::from_nanos(1_499).as_micros_rounded(), 1);
         assert_eq!(Span::from_nanos(1_500).as_micros_rounded(), 2);
         assert_eq!(Span::from_nanos(-1_499).as_micros_rounded(), -1);
+        assert_eq!(
+            Span::from_nanos(i64::MAX).as_micros_rounded(),
+            i64::MAX / 1_000
+        );
     }
 }

@@ -15,13 +15,19 @@ use crate::dead_reckoning::{DeadReckoning, motion};
 use crate::neighbours::{Boot, HeardExchange, Neighbours};
 use crate::refused::Refused;
 use crate::rounds::Round;
-use crate::translate::{self, Sighting};
+use crate::translate::{self, Fixed, Sighting};
 
 /// A reading so near to an instant is taken for one at it: no odometry is needed, and a clock offset's jitter moves
 /// nothing (at 10 m/s by 2 mm).
 const AT_THE_INSTANT: Span = Span::micros(200);
 /// Acceleration for which the error of interpolated odometry is allowed for, |a| P^2 / 8.
 const INTERPOLATED_ACCELERATION_M_S2: f64 = 1.0;
+
+/// The weight of a place that is known: a million million times that of a prior.
+const IMMOVABLE: AnchorWeight = AnchorWeight {
+    rotation: 1e12,
+    translation: 1e12,
+};
 
 /// What a star is built from.
 pub(crate) struct Material<'a> {
@@ -148,9 +154,7 @@ impl Material<'_> {
         let solved_from_instant = built.instant_from_solved.inverse();
         for fix in &self.round.fixes {
             let end = solved_from_instant * fix.body_from_sensor;
-            let added = translate::fix(&fix.value)
-                .and_then(|(measurement, noise)| Ok(star.fix(measurement, noise, end)?));
-            match added {
+            match translate::fix(&fix.value).and_then(|fixed| add_fix(star, fixed, end)) {
                 Ok(()) => built.fixes += 1,
                 Err(why) => built.refused.push((fix.sensor, why)),
             }
@@ -368,6 +372,23 @@ fn add(star: &mut Star, spoke: &Spoke<'_>, built: &mut Built) {
         edges,
         instant_from_solved,
     });
+}
+
+/// Puts an absolute fix into a star. A landmark is a neighbour that does not move.
+fn add_fix(star: &mut Star, fixed: Fixed, own_end: Transform<Body, Sensor>) -> Result<(), Refused> {
+    match fixed {
+        Fixed::Sensor(measurement, noise) => star.fix(measurement, noise, own_end)?,
+        Fixed::Landmark {
+            world_from_landmark,
+            measurement,
+            noise,
+        } => {
+            let landmark =
+                star.add_neighbour_with_anchor(world_from_landmark.reframe(), IMMOVABLE)?;
+            star.measured_by_me(landmark, measurement, noise, own_end, Transform::identity())?;
+        }
+    }
+    Ok(())
 }
 
 /// The mean of some spans; nothing of none.

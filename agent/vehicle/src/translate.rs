@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use skein_estimation::cooperative::{Measurement, Noise, Refusal};
 use skein_estimation::odometry::{Growth, OdometryPoint};
-use skein_estimation::{Body, Sensor, Transform, TransformError, so3};
+use skein_estimation::{Body, Sensor, Transform, TransformError, World, so3};
 use skein_proto::document::PoseDocument;
 use skein_proto::frame::{FixValue, RelativeValue};
 use skein_proto::measured::MeasuredValue;
@@ -101,9 +101,22 @@ pub(crate) fn sighting(value: &MeasuredValue) -> Result<Sighting, Refused> {
     })
 }
 
-/// What a fix measures of the sensor, from the world's origin.
-pub(crate) fn fix(value: &FixValue) -> Result<(Measurement, Noise), Refused> {
-    Ok(match value {
+/// An absolute fix, ready for the estimator.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Fixed {
+    /// What the world's origin measures of the sensor.
+    Sensor(Measurement, Noise),
+    /// What the sensor measures of a point that stands still at a known place.
+    Landmark {
+        world_from_landmark: Transform<World, Body>,
+        measurement: Measurement,
+        noise: Noise,
+    },
+}
+
+/// A fix as its driver says it.
+pub(crate) fn fix(value: &FixValue) -> Result<Fixed, Refused> {
+    let (measurement, noise) = match value {
         FixValue::Pose {
             world_from_sensor,
             rotation_sigma_rad,
@@ -126,7 +139,22 @@ pub(crate) fn fix(value: &FixValue) -> Result<(Measurement, Noise), Refused> {
             Measurement::orientation(rotation(rotation_vector_rad))?,
             noise(*sigma_rad, 0.0),
         ),
-    })
+        FixValue::Landmark {
+            landmark_m,
+            position_m,
+            sigma_m,
+        } => {
+            return Ok(Fixed::Landmark {
+                world_from_landmark: Transform::new(
+                    nalgebra::UnitQuaternion::identity(),
+                    Vector3::from(*landmark_m),
+                ),
+                measurement: Measurement::position(Vector3::from(*position_m))?,
+                noise: noise(0.0, *sigma_m),
+            });
+        }
+    };
+    Ok(Fixed::Sensor(measurement, noise))
 }
 
 /// Folds a mount, and the motion since the reading, into a measurement: out comes what the body itself would have

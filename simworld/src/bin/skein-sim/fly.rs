@@ -1,7 +1,6 @@
 //! `skein-sim fly`: a scenario live over Zenoh, with agents in this process or in others.
 
 use crate::air::Air;
-use crate::files;
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use miette::{IntoDiagnostic, miette};
@@ -123,7 +122,7 @@ pub(crate) fn run(arguments: &FlyArguments) -> miette::Result<()> {
 }
 
 fn scenario(arguments: &FlyArguments) -> miette::Result<Scenario> {
-    let mut scenario = files::scenario(&arguments.scenario)?;
+    let mut scenario = named_scenario(&arguments.scenario)?;
     scenario.standstill_s = scenario.standstill_s.max(STANDSTILL_MIN_S);
     scenario.duration_s = arguments.duration.unwrap_or(scenario.duration_s);
     scenario.radio.loss = arguments.loss.unwrap_or(scenario.radio.loss);
@@ -138,6 +137,21 @@ fn scenario(arguments: &FlyArguments) -> miette::Result<Scenario> {
         return Err(miette!("--duration must be a positive number of seconds"));
     }
     Ok(scenario)
+}
+
+/// A built-in scenario by its name, or one from a TOML file.
+fn named_scenario(name_or_file: &str) -> miette::Result<Scenario> {
+    if let Some(scenario) = Scenario::built_in(name_or_file) {
+        return Ok(scenario);
+    }
+    let text = std::fs::read_to_string(name_or_file).map_err(|error| {
+        let known: Vec<&str> = Scenario::built_in_names().collect();
+        miette!(
+            help = format!("built in are: {}", known.join(", ")),
+            "{name_or_file} is neither a built-in scenario nor a file that can be read: {error}"
+        )
+    })?;
+    Ok(Scenario::parse(&text, name_or_file)?)
 }
 
 /// Everything in place, and the time at which the motion starts.

@@ -34,7 +34,10 @@ enum Command {
 
 fn main() -> miette::Result<()> {
     let filter = tracing_subscriber::EnvFilter::try_from_default_env()
-        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("warn,zenoh=error"));
+        // Zenoh calls it an error when a packet overtakes the declaration of its key, which happens at every start.
+        .unwrap_or_else(|_| {
+            tracing_subscriber::EnvFilter::new("warn,zenoh=error,zenoh::api::session=off")
+        });
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(std::io::stderr)

@@ -4,14 +4,12 @@ use crate::files;
 use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use miette::{IntoDiagnostic, WrapErr, miette};
-use skein_simworld::calibration::Calibration;
+use skein_simworld::calibration::{Calibration, Readings};
 use skein_simworld::datasets;
 use skein_simworld::fleet::{Fleet, pose_of};
 use skein_simworld::plot::{self, Path, PathKind};
-use skein_simworld::radio::{Radio, RadioSettings};
 use skein_simworld::recorded::{Flown, Recorded, ReplayScore, Score};
 use skein_simworld::stage::Stage;
-use skein_simworld::streams::Streams;
 use skein_simworld::tum::{self, StampedPose};
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -31,6 +29,9 @@ pub(crate) struct MrclamArguments {
     /// Calibration of the robots (TOML): scales, biases, lags and noise. As recorded when not given.
     #[arg(long)]
     calibration: Option<PathBuf>,
+    /// Use the landmarks too, as points whose places are known.
+    #[arg(long)]
+    landmarks: bool,
     /// In virtual time, without Zenoh.
     #[arg(long = "virtual")]
     in_virtual_time: bool,
@@ -64,7 +65,12 @@ pub(crate) fn run(replay: &Replay) -> miette::Result<()> {
     let recording = datasets::read_mrclam(&arguments.folder)
         .into_diagnostic()
         .wrap_err_with(|| format!("{} is no MR.CLAM recording", arguments.folder.display()))?;
-    let recorded = Recorded::new(recording, calibration).into_diagnostic()?;
+    let readings = if arguments.landmarks {
+        Readings::OfRobotsAndLandmarks
+    } else {
+        Readings::OfRobots
+    };
+    let recorded = Recorded::new(recording, calibration, readings).into_diagnostic()?;
     let end_ns = match arguments.duration {
         Some(duration_s) => recorded.duration_ns().min((duration_s * 1e9) as i64),
         None => recorded.duration_ns(),
@@ -96,8 +102,7 @@ pub(crate) fn run(replay: &Replay) -> miette::Result<()> {
 }
 
 fn fly_virtually(recorded: Recorded, end_ns: i64, progress: &ProgressBar) -> (Flown, Recorded) {
-    let radio = Radio::new(&RadioSettings::default(), Streams::new(1, 0));
-    let mut fleet = Fleet::on(recorded, radio, |_, config| config);
+    let mut fleet = Fleet::on(recorded, Recorded::radio(), |_, config| config);
     let mut flown = Flown::default();
     let mut at_ns = 0;
     while at_ns <= end_ns {
