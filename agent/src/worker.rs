@@ -8,7 +8,7 @@ use crate::process::Process;
 use crate::published::{Published, PublishedEstimate};
 use crate::queue::Queue;
 use crate::record::{Recorder, Step};
-use skein_estimation::time::Stamp;
+use skein_estimation::time::{Span, Stamp};
 use skein_proto::status::Status;
 use skein_vehicle::{Input, Output, Vehicle};
 use std::sync::Arc;
@@ -30,6 +30,9 @@ struct Pace {
     status: Option<Status>,
 }
 
+/// How far behind its wakes the vehicle may be and still be given each of them at its own time.
+const BEHIND_MAX: Span = Span::secs(1);
+
 impl Worker {
     /// Runs until the inbox is closed. `started` is what [`Vehicle::new`] was given.
     pub(crate) fn run(mut self, started: Stamp) {
@@ -47,6 +50,10 @@ impl Worker {
                     self.step(&mut pace, now, Input::Wake);
                 }
                 Popped::Input { arrival, input } => {
+                    // After a stop of the whole process the past is not lived through again.
+                    if arrival - pace.wake_at > BEHIND_MAX {
+                        self.step(&mut pace, arrival, Input::Wake);
+                    }
                     // What was due before it arrived comes before it, so that a busy moment does not change the order.
                     while pace.wake_at <= arrival {
                         let due = pace.wake_at;

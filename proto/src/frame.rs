@@ -4,7 +4,7 @@
 //! postcard form. Times are nanoseconds of UNIX time at the moment the reading was *taken*.
 
 use crate::codec::DecodeError;
-use crate::limits::{FEATURES_PER_FRAME_MAX, FRAME_BYTES_MAX, RATE_MAX_RAD_S};
+use crate::limits::{FEATURES_PER_FRAME_MAX, FRAME_BYTES_MAX, RATE_MAX_RAD_S, SPEED_MAX_M_S};
 use crate::{VERSION_MAJOR, check, name::Name};
 use serde::{Deserialize, Serialize};
 
@@ -273,6 +273,13 @@ impl OdometryFrame {
             return Err(DecodeError::OutOfRange { field: "since_ns" });
         }
         check::pose("motion", &self.motion)?;
+        // A step that no vehicle makes in its time would be taken for a speed.
+        let seconds = (self.taken_ns.saturating_sub(self.since_ns)) as f64 * 1e-9;
+        let [rx, ry, rz, x, y, z] = self.motion;
+        let turned = [rx, ry, rz].map(|turn| turn / seconds);
+        let moved = [x, y, z].map(|step| step / seconds);
+        check::within("motion: angular rate", &turned, RATE_MAX_RAD_S)?;
+        check::within("motion: speed", &moved, SPEED_MAX_M_S)?;
         check::sigma("rotation_sigma_rad", self.rotation_sigma_rad)?;
         check::sigma("translation_sigma_m", self.translation_sigma_m)
     }

@@ -447,7 +447,8 @@ fn a_vehicle_without_a_pose_says_why_and_what_to_do_and_a_pose_fix_places_it() {
         "{}",
         why(&fleet, 1)
     );
-    fleet.run_until(nanos(5.0) + 1);
+    // The fix comes just after its round was opened, so the next round takes it.
+    fleet.run_until(nanos(5.2) + 1);
     // One solved round later the fix (2 cm) is what is known; a neighbour's prior of the same round shares in it.
     assert!(
         fleet.position_error_m(1) < 0.3,
@@ -694,7 +695,7 @@ fn the_first_contact_between_strangers_counts_in_the_round_in_which_it_happens()
 }
 
 #[test]
-fn a_first_contact_with_somebody_whose_round_is_complete_comes_too_late_for_up_to_a_second() {
+fn a_first_contact_with_somebody_whose_round_is_complete_costs_that_round_and_no_other() {
     let mut scenario = built_in("hover");
     scenario.team.truncate(3);
     scenario.sensor.miss_probability = 0.0;
@@ -721,16 +722,15 @@ fn a_first_contact_with_somebody_whose_round_is_complete_comes_too_late_for_up_t
         late += health.refused.get("too_late").copied().unwrap_or_default();
         let rounds = u64::try_from(49 - contact).unwrap();
         assert!(
-            health.fused + 5 >= rounds,
+            health.fused + 1 >= rounds,
             "{} of {rounds}, {:?}",
             health.fused,
             health.refused
         );
     }
-    // Wrong today: v1 neither answers with the prior of a round that it has solved, nor learns from what came too late
-    // that v3 measures it, so v3 is heard after the next greeting only, within a second.
+    // v1 cannot take back a round that it has solved; but it learns that v3 measures it, and tells it from then on.
     eprintln!("{late} exchanges too late in five first contacts");
-    assert!((5..=20).contains(&late), "{late}");
+    assert!((1..=5).contains(&late), "{late}");
 }
 
 #[test]

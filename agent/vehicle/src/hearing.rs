@@ -19,6 +19,9 @@ use crate::translate;
 /// How far a packet's content may lie before its sending.
 const CONTENT_AGE_MAX: Span = Span::secs(10);
 
+/// How far ahead of our time it may lie, by the sender's clock as we know it.
+const AHEAD_MAX: Span = Span::secs(1);
+
 /// What listening needs to know of this vehicle.
 pub(crate) struct Listener<'a> {
     pub(crate) me: Name,
@@ -101,7 +104,12 @@ impl Listener<'_> {
         let round = boot
             .round_of(instant, self.period)
             .ok_or(Refused::ClockUnknown)?;
+        // Also when it comes too late for its round: the next one will not.
+        if !exchange.measured.is_empty() {
+            neighbour.measured_me_at = Some(now);
+        }
         self.horizon.admits(round)?;
+        let boot = neighbour.boot(envelope.boot);
         if boot.exchanges.contains_key(&round) {
             return Err(Refused::Duplicate);
         }
@@ -113,7 +121,6 @@ impl Listener<'_> {
             .as_ref()
             .map(translate::transform)
             .transpose()?;
-        let measured_me = !exchange.measured.is_empty();
         boot.exchanges.insert(
             round,
             HeardExchange {
@@ -122,9 +129,6 @@ impl Listener<'_> {
                 measured: exchange.measured,
             },
         );
-        if measured_me {
-            neighbour.measured_me_at = Some(now);
-        }
         Ok(round)
     }
 
@@ -161,6 +165,13 @@ impl Listener<'_> {
             boot.body_from_target = translate::transform(mount)?;
         }
         let newest = plausible(envelope.taken_ns, record.sent_ns)?;
+        let mine = boot.clock.to_mine(newest).ok_or(Refused::ClockUnknown)?;
+        if mine - now > AHEAD_MAX {
+            return Err(Refused::FromTheFuture);
+        }
+        if now - mine > CONTENT_AGE_MAX {
+            return Err(Refused::TooLate);
+        }
         for round in &record.rounds {
             let back = Span::micros(i64::from(record.period_us)) * i64::from(round.back);
             let instant = newest.plus(-back);

@@ -14,7 +14,7 @@ use crate::clock::PeerStamp;
 use crate::dead_reckoning::{DeadReckoning, motion};
 use crate::neighbours::{Boot, HeardExchange, Neighbours};
 use crate::refused::Refused;
-use crate::rounds::Round;
+use crate::rounds::{ROUNDS_LATE_MAX, Round};
 use crate::translate::{self, Fixed, Sighting};
 
 /// A reading so near to an instant is taken for one at it: no odometry is needed, and a clock offset's jitter moves
@@ -22,12 +22,6 @@ use crate::translate::{self, Fixed, Sighting};
 const AT_THE_INSTANT: Span = Span::micros(200);
 /// Acceleration for which the error of interpolated odometry is allowed for, |a| P^2 / 8.
 const INTERPOLATED_ACCELERATION_M_S2: f64 = 1.0;
-
-/// The weight of a place that is known: a million million times that of a prior.
-const IMMOVABLE: AnchorWeight = AnchorWeight {
-    rotation: 1e12,
-    translation: 1e12,
-};
 
 /// What a star is built from.
 pub(crate) struct Material<'a> {
@@ -45,8 +39,11 @@ pub(crate) struct Material<'a> {
 #[derive(Clone, Debug)]
 pub(crate) struct Built {
     pub(crate) used: Vec<Used>,
+    /// Measurements that were not used, and of or by whom they are.
     pub(crate) refused: Vec<(Name, Refused)>,
     pub(crate) fixes: usize,
+    /// Fixes that were not used, and of which sensor they are.
+    pub(crate) fixes_refused: Vec<(Name, Refused)>,
     /// `body@instant_from_body@solved` of this vehicle: the star is solved at the mean time of its readings.
     pub(crate) instant_from_solved: Transform<Body, Body>,
 }
@@ -57,6 +54,8 @@ pub(crate) struct Used {
     pub(crate) name: Name,
     pub(crate) index: NeighbourIndex,
     pub(crate) edges: u64,
+    /// Its instant, on our clock.
+    pub(crate) taken: Stamp,
     /// The same as [`Built::instant_from_solved`], of the neighbour.
     pub(crate) instant_from_solved: Transform<Body, Body>,
 }
@@ -67,6 +66,7 @@ impl Default for Built {
             used: Vec::new(),
             refused: Vec::new(),
             fixes: 0,
+            fixes_refused: Vec::new(),
             instant_from_solved: Transform::identity(),
         }
     }
@@ -94,6 +94,8 @@ struct Spoke<'a> {
     name: Name,
     boot: &'a Boot,
     exchange: &'a HeardExchange,
+    /// Its instant, on our clock.
+    taken: Stamp,
     prior: Transform<World, Body>,
     ties: Vec<Tie>,
 }
@@ -156,7 +158,7 @@ impl Material<'_> {
             let end = solved_from_instant * fix.body_from_sensor;
             match translate::fix(&fix.value).and_then(|fixed| add_fix(star, fixed, end)) {
                 Ok(()) => built.fixes += 1,
-                Err(why) => built.refused.push((fix.sensor, why)),
+                Err(why) => built.fixes_refused.push((fix.sensor, why)),
             }
         }
         Ok(built)
@@ -171,6 +173,13 @@ impl Material<'_> {
         });
         let heard = heard.map(|(name, _)| name);
         let names: BTreeSet<Name> = self.round.measured.keys().copied().chain(heard).collect();
+        // The nearest first: a star has room for so many.
+        let distance_m = |name: &Name| {
+            let neighbour = self.neighbours.get(*name);
+            neighbour.map_or(f64::INFINITY, |neighbour| neighbour.distance_m())
+        };
+        let mut names: Vec<Name> = names.into_iter().collect();
+        names.sort_by(|a, b| distance_m(a).total_cmp(&distance_m(b)).then(a.cmp(b)));
         let mut spokes = Vec::new();
         for name in names {
             spokes.extend(self.spoke(name, built)?);
@@ -186,8 +195,10 @@ impl Material<'_> {
             Refused::NoOdometry
         };
         let lost = |(name, list): (&Name, &Vec<Measured>)| vec![(*name, why.clone()); list.len()];
+        let fixes = self.round.fixes.iter();
         Built {
             refused: self.round.measured.iter().flat_map(lost).collect(),
+            fixes_refused: fixes.map(|fix| (fix.sensor, why.clone())).collect(),
             ..Built::default()
         }
     }
@@ -249,10 +260,15 @@ impl Material<'_> {
                 Err(NoEnd::Never(why)) => refuse(why, 1),
             }
         }
+        let taken = boot
+            .clock
+            .to_mine(exchange.instant)
+            .unwrap_or(self.round.instant);
         Ok((!ties.is_empty()).then_some(Spoke {
             name,
             boot,
             exchange,
+            taken,
             prior,
             ties,
         }))
@@ -269,6 +285,12 @@ impl Material<'_> {
     ) -> Result<Tie, NoEnd> {
         let mut sighting = translate::sighting(&measured.value).map_err(NoEnd::Never)?;
         let offset = Span::micros(i64::from(measured.taken_offset_us));
+        if offset > Span::ZERO {
+            return Err(NoEnd::Never(Refused::FromTheFuture));
+        }
+        if -offset > self.period * (ROUNDS_LATE_MAX + 1) {
+            return Err(NoEnd::Never(Refused::TooLate));
+        }
         let unknown = NoEnd::Never(Refused::ClockUnknown);
         let (own_end, their_end, own_offset, their_offset) = match direction {
             Direction::Mine => {
@@ -370,24 +392,18 @@ fn add(star: &mut Star, spoke: &Spoke<'_>, built: &mut Built) {
         name: spoke.name,
         index,
         edges,
+        taken: spoke.taken,
         instant_from_solved,
     });
 }
 
-/// Puts an absolute fix into a star. A landmark is a neighbour that does not move.
+/// Puts an absolute fix into a star.
 fn add_fix(star: &mut Star, fixed: Fixed, own_end: Transform<Body, Sensor>) -> Result<(), Refused> {
-    match fixed {
-        Fixed::Sensor(measurement, noise) => star.fix(measurement, noise, own_end)?,
-        Fixed::Landmark {
-            world_from_landmark,
-            measurement,
-            noise,
-        } => {
-            let landmark =
-                star.add_neighbour_with_anchor(world_from_landmark.reframe(), IMMOVABLE)?;
-            star.measured_by_me(landmark, measurement, noise, own_end, Transform::identity())?;
-        }
-    }
+    star.fix(
+        fixed.measurement,
+        fixed.noise,
+        own_end * fixed.sensor_from_point,
+    )?;
     Ok(())
 }
 

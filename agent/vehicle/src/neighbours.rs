@@ -94,10 +94,18 @@ pub(crate) struct HeardExchange {
 }
 
 impl Neighbours {
-    /// The neighbour of that name, made if there is room.
+    /// The neighbour of that name. Where there is no room, the one that is not announced and was heard longest ago
+    /// makes some.
     pub(crate) fn entry(&mut self, name: Name) -> Option<&mut Neighbour> {
         if self.vehicles.len() >= NEIGHBOURS_MAX && !self.vehicles.contains_key(&name) {
-            return None;
+            let absent = self
+                .vehicles
+                .iter()
+                .filter(|(_, neighbour)| !neighbour.has_token());
+            let oldest = absent
+                .min_by_key(|(_, neighbour)| neighbour.heard_at())
+                .map(|(name, _)| *name)?;
+            self.vehicles.remove(&oldest);
         }
         Some(self.vehicles.entry(name).or_default())
     }
@@ -161,7 +169,7 @@ impl Neighbour {
                         .boots
                         .iter()
                         .enumerate()
-                        .min_by_key(|(_, boot)| (boot.echoed_at, boot.heard_at));
+                        .min_by_key(|(_, boot)| (boot.echoed_at, boot.token, boot.heard_at));
                     let oldest = oldest.map_or(0, |(at, _)| at);
                     self.boots.remove(oldest);
                 }
@@ -170,6 +178,21 @@ impl Neighbour {
             }
         };
         &mut self.boots[at]
+    }
+
+    /// A token is gone. A boot that is not known stays unknown.
+    pub(crate) fn lose_token(&mut self, id: u64) {
+        for boot in self.boots.iter_mut().filter(|boot| boot.id == id) {
+            boot.token = false;
+        }
+    }
+
+    fn has_token(&self) -> bool {
+        self.boots.iter().any(|boot| boot.token)
+    }
+
+    fn heard_at(&self) -> Option<Stamp> {
+        self.boots.iter().filter_map(|boot| boot.heard_at).max()
     }
 
     /// The newest packet of any boot, to be echoed.

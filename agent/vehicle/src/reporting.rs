@@ -102,7 +102,7 @@ impl Vehicle {
         let newest = self.reckoning.newest().copied();
         let pose = newest
             .and_then(|point| self.reckoning.pose_at(&point))
-            .filter(|_| status != Status::Lost);
+            .filter(|pose| status != Status::Lost && translate::is_sayable(pose));
         let taken = newest.map_or(now, |point| point.taken);
         let velocity = pose.as_ref().and_then(|pose| self.reckoning.velocity(pose));
         let neighbours = self.neighbour_estimates(now, taken, pose.as_ref());
@@ -142,7 +142,7 @@ impl Vehicle {
         self.reported_at = Some(now);
     }
 
-    /// Every neighbour present, with where it was at the last solved round as seen from where we are now.
+    /// Every neighbour present, with where it was at the last solved round, as seen from where this vehicle was then.
     fn neighbour_estimates(
         &self,
         now: Stamp,
@@ -154,7 +154,11 @@ impl Vehicle {
             .present(now, self.config.presence_timeout)
             .take(NEIGHBOURS_MAX);
         let described = present.map(|(name, neighbour)| {
-            let relative = neighbour.relative.filter(|_| pose.is_some());
+            let relative = neighbour.relative.filter(|relative| {
+                pose.is_some()
+                    && now - relative.taken <= self.config.presence_timeout
+                    && translate::is_sayable(&relative.body_from_neighbour)
+            });
             let status = neighbour.current().and_then(|boot| boot.status);
             let document = NeighbourDocument {
                 vehicle: name,

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use skein_estimation::odometry::{Gap, OdometryPoint};
 use skein_estimation::time::{Span, Stamp};
-use skein_estimation::{Body, Sensor, Transform};
+use skein_estimation::{Body, Sensor, Transform, World};
 use skein_proto::frame::{FixValue, RelativeValue};
 use skein_proto::limits::MEASURED_PER_EXCHANGE_MAX;
 use skein_proto::measured::{Measured, MeasuredValue};
@@ -220,7 +220,9 @@ impl Rounds {
                 why,
             };
             match reading.reduce(round, reckoning) {
-                _ if reading.taken < too_late => losses.push(lost(Refused::TooLate)),
+                _ if reading.taken < too_late && round.odometry.is_some() => {
+                    losses.push(lost(Refused::TooLate));
+                }
                 Err(why) => losses.push(lost(why)),
                 Ok(Reduced::Fix(fix)) => round.fixes.push(fix),
                 Ok(Reduced::Relative(target, measured)) => {
@@ -302,6 +304,20 @@ impl Waiting {
                 taken_offset: Span::micros(i64::from(taken_offset_us)),
             })),
         }
+    }
+}
+
+impl Fix {
+    /// The body's pose at the round's instant, by a fix of the whole pose.
+    pub(crate) fn world_from_body(&self) -> Option<Transform<World, Body>> {
+        let FixValue::Pose {
+            world_from_sensor, ..
+        } = &self.value
+        else {
+            return None;
+        };
+        let world_from_sensor = translate::transform::<World, Sensor>(world_from_sensor).ok()?;
+        Some(world_from_sensor * self.body_from_sensor.inverse())
     }
 }
 

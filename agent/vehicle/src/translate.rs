@@ -3,9 +3,10 @@
 use nalgebra::Vector3;
 use skein_estimation::cooperative::{Measurement, Noise, Refusal};
 use skein_estimation::odometry::{Growth, OdometryPoint};
-use skein_estimation::{Body, Sensor, Transform, TransformError, World, so3};
+use skein_estimation::{Body, Sensor, Transform, TransformError, so3};
 use skein_proto::document::PoseDocument;
 use skein_proto::frame::{FixValue, RelativeValue};
+use skein_proto::limits::COORDINATE_MAX_M;
 use skein_proto::measured::MeasuredValue;
 use skein_proto::record;
 
@@ -101,21 +102,17 @@ pub(crate) fn sighting(value: &MeasuredValue) -> Result<Sighting, Refused> {
     })
 }
 
-/// An absolute fix, ready for the estimator.
+/// An absolute fix, ready for the estimator: what the world's origin measures of a point at the sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Fixed {
-    /// What the world's origin measures of the sensor.
-    Sensor(Measurement, Noise),
-    /// What the sensor measures of a point that stands still at a known place.
-    Landmark {
-        world_from_landmark: Transform<World, Body>,
-        measurement: Measurement,
-        noise: Noise,
-    },
+pub(crate) struct Fixed {
+    pub(crate) measurement: Measurement,
+    pub(crate) noise: Noise,
+    pub(crate) sensor_from_point: Transform<Sensor, Sensor>,
 }
 
 /// A fix as its driver says it.
 pub(crate) fn fix(value: &FixValue) -> Result<Fixed, Refused> {
+    let mut sensor_from_point = Transform::identity();
     let (measurement, noise) = match value {
         FixValue::Pose {
             world_from_sensor,
@@ -144,17 +141,20 @@ pub(crate) fn fix(value: &FixValue) -> Result<Fixed, Refused> {
             position_m,
             sigma_m,
         } => {
-            return Ok(Fixed::Landmark {
-                world_from_landmark: Transform::new(
-                    nalgebra::UnitQuaternion::identity(),
-                    Vector3::from(*landmark_m),
-                ),
-                measurement: Measurement::position(Vector3::from(*position_m))?,
-                noise: noise(0.0, *sigma_m),
-            });
+            // To see a known point is to have a sensor there: as the noise is the same in all directions, the distance
+            // between where the point is and where the sensor sees it is all that counts.
+            sensor_from_point.translation = Vector3::from(*position_m);
+            (
+                Measurement::position(Vector3::from(*landmark_m))?,
+                noise(0.0, *sigma_m),
+            )
         }
     };
-    Ok(Fixed::Sensor(measurement, noise))
+    Ok(Fixed {
+        measurement,
+        noise,
+        sensor_from_point,
+    })
 }
 
 /// Folds a mount, and the motion since the reading, into a measurement: out comes what the body itself would have
@@ -223,6 +223,11 @@ pub(crate) fn fold(
 /// A standard deviation in single precision, which must not vanish: zero noise would be refused by everybody.
 fn sigma(sigma: f64) -> f32 {
     (sigma as f32).max(f32::MIN_POSITIVE)
+}
+
+/// Whether a pose lies within what messages may say: a sum of numbers in range need not be.
+pub(crate) fn is_sayable<To, From>(pose: &Transform<To, From>) -> bool {
+    pose.is_valid() && pose.translation.amax() <= COORDINATE_MAX_M
 }
 
 /// Covariance growth as it crosses the wire.

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use skein_estimation::Transform;
 use skein_estimation::cooperative::{Solution, SolveStatus, Star, StarWorkspace};
 use skein_estimation::time::{Span, Stamp};
-use skein_proto::frame::{FixFrame, FixValue, Frame, RelativeValue};
+use skein_proto::frame::{Frame, RelativeValue};
 use skein_proto::name::Name;
 
 use crate::config::Config;
@@ -18,9 +18,9 @@ use crate::neighbours::{Neighbours, Relative};
 use crate::output::Output;
 use crate::refused::Refused;
 use crate::reporting::RoundCounts;
-use crate::rounds::{Loss, OPEN_MAX, Round, Rounds};
+use crate::rounds::{Fix, Loss, OPEN_MAX, Round, Rounds};
 use crate::sensors::{Reading, Sensors};
-use crate::speaking::Speech;
+use crate::speaking::{PARTNERS_MAX, Speech};
 use crate::translate;
 
 /// How often the health is published.
@@ -149,25 +149,29 @@ impl Vehicle {
             }
             Frame::Ranges(frame) => {
                 let taken = Stamp::from_nanos(frame.taken_ns);
+                let mut outcome = Ok(());
                 for range in frame.ranges {
                     self.measured(now, range.target);
                     let value = RelativeValue::Distance {
                         distance_m: range.distance_m,
                         sigma_m: range.sigma_m,
                     };
-                    self.rounds.keep_relative(
+                    let kept = self.rounds.keep_relative(
                         sensor,
                         taken,
                         body_from_sensor,
                         range.target,
                         value,
-                    )?;
+                    );
+                    if let Err(why) = kept {
+                        self.count_refusal(range.target, &why);
+                        outcome = Err(why);
+                    }
                 }
-                Ok(())
+                outcome
             }
             Frame::Fix(frame) => {
                 let taken = Stamp::from_nanos(frame.taken_ns);
-                self.place(&frame, &body_from_sensor);
                 self.rounds
                     .keep_fix(sensor, taken, body_from_sensor, frame.value)
             }
@@ -179,31 +183,6 @@ impl Vehicle {
     fn measured(&mut self, now: Stamp, target: Name) {
         if let Some(neighbour) = self.neighbours.get_mut(target) {
             neighbour.measured_at = Some(now);
-        }
-    }
-
-    /// A pose fix places a vehicle that has no pose.
-    fn place(
-        &mut self,
-        frame: &FixFrame,
-        body_from_sensor: &Transform<skein_estimation::Body, skein_estimation::Sensor>,
-    ) {
-        let FixValue::Pose {
-            world_from_sensor, ..
-        } = &frame.value
-        else {
-            return;
-        };
-        let unplaced = self
-            .reckoning
-            .newest()
-            .is_some_and(|point| self.reckoning.pose_at(point).is_none());
-        let Ok(at_taken) = self.reckoning.at(Stamp::from_nanos(frame.taken_ns)) else {
-            return;
-        };
-        if let (true, Ok(world_from_sensor)) = (unplaced, translate::transform(world_from_sensor)) {
-            self.reckoning
-                .correct(&at_taken, world_from_sensor * body_from_sensor.inverse());
         }
     }
 
@@ -233,7 +212,7 @@ impl Vehicle {
             return;
         };
         let mut round = self.rounds.open.remove(at).expect("just found");
-        if !round.told.contains(&heard.from) {
+        if !round.told.contains(&heard.from) && round.told.len() < PARTNERS_MAX {
             self.tell(now, &mut round, heard.from);
         }
         self.rounds.open.insert(at, round);
@@ -246,8 +225,14 @@ impl Vehicle {
             }
             return;
         }
+        if !present {
+            if let Some(neighbour) = self.neighbours.get_mut(vehicle) {
+                neighbour.lose_token(boot);
+            }
+            return;
+        }
         match self.neighbours.entry(vehicle) {
-            Some(neighbour) => neighbour.boot(boot).token = present,
+            Some(neighbour) => neighbour.boot(boot).token = true,
             None => self.refused.refuse(&Refused::Full),
         }
     }
@@ -287,8 +272,10 @@ impl Vehicle {
         let exchange =
             self.speech
                 .exchange(now, to, round, prior.as_ref(), status, &self.neighbours);
-        self.outputs
-            .extend(exchange.map(|(key, bytes)| Output::Send { key, bytes }));
+        let Some((key, bytes)) = exchange else {
+            return;
+        };
+        self.outputs.push_back(Output::Send { key, bytes });
         round.told.insert(to);
         if let Some(neighbour) = self.neighbours.get_mut(to) {
             neighbour.spoken_to_at = Some(now);
@@ -300,6 +287,7 @@ impl Vehicle {
         while let Some(round) = self.rounds.open.pop_front() {
             let deadline_passed =
                 now >= self.rounds.deadline(&round) || self.rounds.open.len() >= OPEN_MAX;
+            self.place(&round);
             let prior = round
                 .odometry
                 .as_ref()
@@ -330,26 +318,56 @@ impl Vehicle {
         }
     }
 
+    /// A pose fix places a vehicle that has no pose.
+    fn place(&mut self, round: &Round) {
+        let unplaced = self
+            .reckoning
+            .newest()
+            .is_some_and(|point| self.reckoning.pose_at(point).is_none());
+        let (true, Some(odometry)) = (unplaced, round.odometry) else {
+            return;
+        };
+        let is_present = |segment| {
+            self.reckoning
+                .newest()
+                .is_some_and(|point| point.segment == segment)
+        };
+        let placed = round.fixes.iter().find_map(Fix::world_from_body);
+        if let Some(world_from_body) = placed.filter(|_| is_present(odometry.segment)) {
+            self.reckoning.correct(&odometry, world_from_body);
+        }
+    }
+
     /// Solves one round and makes its solution the present correction.
     fn finish(&mut self, now: Stamp, round: &Round, built: &Built) {
         for (name, why) in &built.refused {
             self.count_refusal(*name, why);
         }
-        self.counts.last_latency = Some(now - round.instant);
-        self.counts.last_edges = built.edges();
-        let Some(odometry) = round.odometry.filter(|_| built.edges() > 0) else {
-            self.counts.coasted += 1;
+        for (sensor, why) in &built.fixes_refused {
+            self.sensors.count(now, *sensor, 0, &Err(why.clone()));
+        }
+        let Some(odometry) = round.odometry else {
             return;
         };
+        if built.edges() == 0 {
+            self.counts.coasted += 1;
+            return;
+        }
+        self.counts.last_latency = Some(now - round.instant);
+        self.counts.last_edges = built.edges();
         let solution = self.star.solve(&mut self.workspace, &self.config.optimiser);
         self.counts.solved += 1;
         self.counts.troubled.add(
             trouble(&solution),
             u64::from(solution.status != SolveStatus::Converged),
         );
-        self.counts.corrected_at = Some(round.instant);
         let world_from_body =
             solution.world_from_body.reframe() * built.instant_from_solved.inverse();
+        if solution.status == SolveStatus::NotFinite || !translate::is_sayable(&world_from_body) {
+            self.counts.troubled.count("thrown_away");
+            return;
+        }
+        self.counts.corrected_at = Some(round.instant);
         self.reckoning.correct(&odometry, world_from_body);
         self.moved = true;
         for used in &built.used {
@@ -362,7 +380,7 @@ impl Vehicle {
                     world_from_neighbour.reframe() * used.instant_from_solved.inverse();
                 let body_from_neighbour = world_from_body.inverse() * world_from_neighbour;
                 neighbour.relative = Some(Relative {
-                    taken: round.instant,
+                    taken: used.taken,
                     body_from_neighbour,
                 });
             }
@@ -396,7 +414,7 @@ impl Vehicle {
         }
         if now >= self.health_at {
             // Also when nothing moves, so that a lost sensor shows.
-            if !self.moved {
+            if self.reported_at.is_none_or(|at| now - at >= HEALTH_EVERY) {
                 self.report_estimate(now);
             }
             self.report_health(now);
