@@ -15,7 +15,7 @@ use crate::dead_reckoning::{DeadReckoning, motion};
 use crate::neighbours::{Boot, HeardExchange, Neighbours};
 use crate::refused::Refused;
 use crate::rounds::{ROUNDS_LATE_MAX, Round};
-use crate::translate::{self, Fixed, Sighting};
+use crate::translate::{self, Sighting};
 
 /// A reading so near to an instant is taken for one at it: no odometry is needed, and a clock offset's jitter moves
 /// nothing (at 10 m/s by 2 mm).
@@ -156,7 +156,11 @@ impl Material<'_> {
         let solved_from_instant = built.instant_from_solved.inverse();
         for fix in &self.round.fixes {
             let end = solved_from_instant * fix.body_from_sensor;
-            match translate::fix(&fix.value).and_then(|fixed| add_fix(star, fixed, end)) {
+            let added = translate::fix(&fix.value).and_then(|fixed| {
+                let end = end * fixed.sensor_from_point;
+                Ok(star.fix(fixed.measurement, fixed.noise, end)?)
+            });
+            match added {
                 Ok(()) => built.fixes += 1,
                 Err(why) => built.fixes_refused.push((fix.sensor, why)),
             }
@@ -395,16 +399,6 @@ fn add(star: &mut Star, spoke: &Spoke<'_>, built: &mut Built) {
         taken: spoke.taken,
         instant_from_solved,
     });
-}
-
-/// Puts an absolute fix into a star.
-fn add_fix(star: &mut Star, fixed: Fixed, own_end: Transform<Body, Sensor>) -> Result<(), Refused> {
-    star.fix(
-        fixed.measurement,
-        fixed.noise,
-        own_end * fixed.sensor_from_point,
-    )?;
-    Ok(())
 }
 
 /// The mean of some spans; nothing of none.
