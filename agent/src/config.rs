@@ -8,7 +8,7 @@ use crate::settings::{DriverSettings, FaultSettings, Settings, new_boot};
 use miette::{NamedSource, SourceSpan};
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::Deserialize;
-use skein_estimation::cooperative::Optimiser;
+use skein_estimation::cooperative::{Mode, Optimiser, Robust};
 use skein_estimation::time::{Span, Stamp};
 use skein_estimation::transform::Transform;
 use skein_proto::limits::ROUNDS_PER_RECORD_MAX;
@@ -226,6 +226,7 @@ impl RawConfig {
                 period: cooperative.period,
                 round_wait: cooperative.round_wait,
                 start: self.start.check()?,
+                mode: cooperative.mode,
                 optimiser: cooperative.optimiser,
                 sensors,
                 body_from_target,
@@ -245,6 +246,7 @@ impl RawConfig {
 struct Cooperative {
     period: Span,
     round_wait: Span,
+    mode: Mode,
     optimiser: Optimiser,
     repeats: usize,
     presence_timeout: Span,
@@ -262,15 +264,20 @@ impl RawCooperative {
                 "the papers use 0.2; all vehicles of a fleet should have the same period",
             ));
         }
-        if let Some(mode) = &self.mode
-            && mode.get_ref() != "paper"
-        {
-            return Err(Wrong::at(
-                mode,
-                format!("there is no mode {:?}", mode.get_ref()),
-                "this version has one mode: mode = \"paper\"",
-            ));
-        }
+        let mode = match &self.mode {
+            None => Mode::default(),
+            Some(word) => match word.get_ref().as_str() {
+                "paper" => Mode::Paper,
+                "star" => Mode::Star(Robust::DEFAULT),
+                other => {
+                    return Err(Wrong::at(
+                        word,
+                        format!("there is no mode {other:?}"),
+                        "use \"star\" (robust) or \"paper\" (as published, for comparison)",
+                    ));
+                }
+            },
+        };
         let optimiser = match &self.optimiser {
             None => Optimiser::default(),
             Some(word) => match word.get_ref().as_str() {
@@ -304,6 +311,7 @@ impl RawCooperative {
         Ok(Cooperative {
             period: Span::from_secs_f64(period_s),
             round_wait: Span::from_secs_f64(round_wait_s),
+            mode,
             optimiser,
             repeats,
             presence_timeout: Span::from_secs_f64(presence_timeout_s),

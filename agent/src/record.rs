@@ -8,7 +8,9 @@ use crate::queue::{Queue, WhenFull};
 use mcap::records::{MessageHeader, Metadata};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
-use skein_estimation::cooperative::optimise::{Descent, GaussNewton, Optimiser};
+use skein_estimation::cooperative::{
+    AnchorWeight, Descent, GaussNewton, Kernel, Mode, Optimiser, Robust, Weighting,
+};
 use skein_estimation::time::{Span, Stamp};
 use skein_estimation::transform::Transform;
 use skein_proto::document::QueueHealth;
@@ -106,6 +108,7 @@ pub(crate) struct Header {
     period_ns: i64,
     round_wait_ns: i64,
     start: Option<Pose>,
+    mode: ModeRecord,
     optimiser: OptimiserRecord,
     sensors: Vec<(Name, String, Pose)>,
     body_from_target: Pose,
@@ -116,6 +119,18 @@ pub(crate) struct Header {
 
 /// Quaternion (x, y, z, w), then translation: as it is held, so that nothing is rounded.
 type Pose = ([f64; 4], [f64; 3]);
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+enum ModeRecord {
+    Paper,
+    Star {
+        by_noise: bool,
+        anchor: [f64; 2],
+        floors: [f64; 2],
+        widening: f64,
+        narrowing: f64,
+    },
+}
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 enum OptimiserRecord {
@@ -145,6 +160,7 @@ impl Header {
                 Start::Pose(pose) => Some(record_pose(pose)),
                 Start::Unknown => None,
             },
+            mode: record_mode(&config.mode),
             optimiser: record_optimiser(&config.optimiser),
             sensors: config
                 .sensors
@@ -168,6 +184,7 @@ impl Header {
                 .start
                 .as_ref()
                 .map_or(Start::Unknown, |pose| Start::Pose(read_pose(pose))),
+            mode: read_mode(&self.mode),
             optimiser: read_optimiser(&self.optimiser),
             sensors: self
                 .sensors
@@ -195,6 +212,52 @@ fn read_pose<To, From>(&([x, y, z, w], translation): &Pose) -> Transform<To, Fro
     // Not normalised again: that could change the last bit.
     let rotation = UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z));
     Transform::new(rotation, Vector3::from(translation))
+}
+
+const fn record_mode(mode: &Mode) -> ModeRecord {
+    match *mode {
+        Mode::Paper => ModeRecord::Paper,
+        Mode::Star(Robust {
+            weighting,
+            anchor,
+            kernel,
+        }) => ModeRecord::Star {
+            by_noise: matches!(weighting, Weighting::Noise),
+            anchor: [anchor.rotation, anchor.translation],
+            floors: [kernel.rotation_floor_rad, kernel.translation_floor_m],
+            widening: kernel.widening,
+            narrowing: kernel.narrowing,
+        },
+    }
+}
+
+const fn read_mode(record: &ModeRecord) -> Mode {
+    match *record {
+        ModeRecord::Paper => Mode::Paper,
+        ModeRecord::Star {
+            by_noise,
+            anchor: [rotation, translation],
+            floors: [rotation_floor_rad, translation_floor_m],
+            widening,
+            narrowing,
+        } => Mode::Star(Robust {
+            weighting: if by_noise {
+                Weighting::Noise
+            } else {
+                Weighting::Unit
+            },
+            anchor: AnchorWeight {
+                rotation,
+                translation,
+            },
+            kernel: Kernel {
+                rotation_floor_rad,
+                translation_floor_m,
+                widening,
+                narrowing,
+            },
+        }),
+    }
 }
 
 fn record_optimiser(optimiser: &Optimiser) -> OptimiserRecord {

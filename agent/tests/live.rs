@@ -4,7 +4,7 @@
 use skein_agent::{
     Agent, Clock, DriverSettings, FaultSettings, NetworkSettings, Settings, TimedFrame, new_boot,
 };
-use skein_estimation::cooperative::Optimiser;
+use skein_estimation::cooperative::{Mode, Optimiser};
 use skein_estimation::time::{Span, Stamp};
 use skein_estimation::transform::Transform;
 use skein_proto::codec;
@@ -41,6 +41,7 @@ fn settings(fleet: &str, vehicle: &str, clock: Clock, connect: Vec<String>) -> S
             period: Span::millis(200),
             round_wait: Span::millis(300),
             start: Start::Pose(Transform::identity()),
+            mode: Mode::default(),
             optimiser: Optimiser::default(),
             sensors: vec![sensor("odometry"), sensor("tags")],
             body_from_target: Transform::identity(),

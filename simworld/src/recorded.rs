@@ -12,7 +12,7 @@ use crate::tum::StampedPose;
 use crate::world::{Delivery, numbers, transform};
 use serde::Serialize;
 use skein_estimation::Transform;
-use skein_estimation::cooperative::Optimiser;
+use skein_estimation::cooperative::{Mode, Optimiser};
 use skein_estimation::time::Span;
 use skein_proto::frame::{FixFrame, FixValue, Frame, OdometryFrame, RelativeFrame, RelativeValue};
 use skein_proto::name::Name;
@@ -257,6 +257,7 @@ impl Stage for Recorded {
             period: Span::from_nanos(PERIOD_NS),
             round_wait: Span::from_nanos(PERIOD_NS / 2 * 3),
             start: Start::Pose(transform(&self.starts[vehicle])),
+            mode: Mode::default(),
             optimiser: Optimiser::gauss_newton(),
             sensors: vec![sensor(ODOMETRY), sensor(CAMERA)],
             body_from_target: Transform::identity(),

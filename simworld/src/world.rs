@@ -8,7 +8,7 @@ use crate::stage::Stage;
 use crate::streams::{Purpose, Streams};
 use crate::truth::Pose;
 use rand::RngExt;
-use skein_estimation::cooperative::Optimiser;
+use skein_estimation::cooperative::{Mode, Optimiser};
 use skein_estimation::time::Span;
 use skein_estimation::{Body, Sensor, Transform};
 use skein_proto::frame::{Frame, OdometryFrame, RelativeFrame, RelativeValue};
@@ -255,6 +255,7 @@ impl Stage for World {
                 }
                 Start::Unknown => skein_vehicle::Start::Unknown,
             },
+            mode: Mode::default(),
             optimiser: Optimiser::gauss_newton(),
             sensors: vec![
                 sensor(ODOMETRY, &Pose::identity()),

@@ -6,7 +6,7 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use skein_agent::{Agent, Clock, DriverSettings, NetworkSettings, Settings, new_boot};
 use skein_estimation::Transform;
-use skein_estimation::cooperative::Optimiser;
+use skein_estimation::cooperative::{Mode, Optimiser};
 use skein_estimation::time::{Span, Stamp};
 use skein_proto::document::EstimateDocument;
 use skein_proto::frame::{Frame, OdometryFrame};
@@ -31,6 +31,7 @@ fn agent(clock: Clock) -> Agent {
         period: Span::millis(200),
         round_wait: Span::millis(300),
         start: Start::Pose(Transform::identity()),
+        mode: Mode::default(),
         optimiser: Optimiser::default(),
         sensors: vec![SensorConfig {
             name: name("odometry"),

@@ -11,6 +11,8 @@ pub mod edge;
 
 pub mod optimise;
 
+pub mod mode;
+
 pub mod star;
 
 pub mod graph;
@@ -24,6 +26,7 @@ pub use batch::{BatchSolution, solve};
 pub use edge::{Edge, Weight};
 pub use graph::{Graph, NodeIndex};
 pub use measurement::{Kind, Measurement, Noise};
+pub use mode::{AnchorWeight, Kernel, Mode, Robust, Weighting};
 pub use optimise::{Degeneracy, Descent, GaussNewton, Optimiser, Progress, SolveStatus};
 pub use refusal::Refusal;
-pub use star::{AnchorWeight, Mode, NeighbourIndex, Solution, Star, StarWorkspace};
+pub use star::{NeighbourIndex, Solution, Star, StarWorkspace};

@@ -1,6 +1,6 @@
 //! What a vehicle is told before it starts. Checked values only: texts and files are parsed elsewhere.
 
-use skein_estimation::cooperative::Optimiser;
+use skein_estimation::cooperative::{Mode, Optimiser};
 use skein_estimation::time::Span;
 use skein_estimation::{Body, Sensor, Transform, World};
 use skein_proto::name::Name;
@@ -18,6 +18,8 @@ pub struct Config {
     pub round_wait: Span,
     /// Where the vehicle is when it starts.
     pub start: Start,
+    /// How rounds are weighed.
+    pub mode: Mode,
     /// How rounds are solved.
     pub optimiser: Optimiser,
     /// The sensors whose frames are taken.

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use skein_estimation::cooperative::{AnchorWeight, NeighbourIndex, Star};
+use skein_estimation::cooperative::{NeighbourIndex, Star};
 use skein_estimation::odometry::Gap;
 use skein_estimation::time::{Span, Stamp};
 use skein_estimation::{Body, Sensor, Transform, World};
@@ -144,7 +144,7 @@ impl Material<'_> {
         if star
             .restart(
                 (prior * built.instant_from_solved).reframe(),
-                AnchorWeight::UNIT,
+                star.mode().anchor(),
             )
             .is_err()
         {
@@ -361,7 +361,10 @@ fn add(star: &mut Star, spoke: &Spoke<'_>, built: &mut Built) {
     let instant = spoke.exchange.instant;
     let instant_from_solved = their_motion(spoke.boot, instant, instant.plus(their_offset))
         .unwrap_or_else(|_| Transform::identity());
-    let index = match star.add_neighbour((spoke.prior * instant_from_solved).reframe()) {
+    let index = match star.add_neighbour_with_anchor(
+        (spoke.prior * instant_from_solved).reframe(),
+        star.mode().anchor(),
+    ) {
         Ok(index) => index,
         Err(why) => {
             let why = Refused::from(why);

@@ -196,7 +196,7 @@ impl Vehicle {
             status,
             why,
             rounds: RoundsHealth {
-                mode: "paper".to_owned(),
+                mode: self.config.mode.name().to_owned(),
                 period_s: period.as_secs_f64(),
                 solved: self.counts.solved,
                 coasted: self.counts.coasted,
@@ -232,7 +232,10 @@ impl Vehicle {
             program: env!("CARGO_PKG_VERSION").to_owned(),
             wire: format!("{VERSION_MAJOR}.{VERSION_MINOR}"),
             period_s: self.config.period.as_secs_f64(),
-            capabilities: vec!["cooperative:paper".to_owned()],
+            capabilities: vec![
+                "cooperative:paper".to_owned(),
+                "cooperative:star".to_owned(),
+            ],
             sensors: self.sensors.drivers(),
             limits: [
                 limit("packet_bytes", limits::PACKET_BYTES_MAX),

@@ -68,7 +68,9 @@ impl Vehicle {
             neighbours: Neighbours::default(),
             rounds: Rounds::new(now, config.period, config.round_wait),
             speech,
-            star: Star::new(Transform::identity()).expect("the identity is a pose"),
+            star: Star::new(Transform::identity())
+                .expect("the identity is a pose")
+                .in_mode(config.mode),
             workspace: StarWorkspace::new(),
             counts: RoundCounts::default(),
             refused: Counters::default(),

@@ -10,6 +10,7 @@ use nalgebra::{Matrix6, SMatrix, Vector3, Vector6};
 use super::block::{Factor, solve_semidefinite};
 use super::edge::{Edge, Node, Normal, Sums, Weight};
 use super::measurement::{CONTRADICTION_SIGMAS, Measurement, Noise};
+use super::mode::{AnchorWeight, Mode, Weighting};
 use super::optimise::{Degeneracy, Optimiser, Problem, SolveStatus, Step};
 use super::refusal::Refusal;
 use crate::so3;
@@ -20,45 +21,6 @@ pub const MAX_NEIGHBOURS: usize = 16;
 
 /// Measurements and fixes together that one step takes: 16 neighbours, both directions, four each.
 pub const MAX_EDGES: usize = 128;
-
-/// How measurements and anchors are weighed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Mode {
-    /// As in the paper: every measurement has weight one, without a robust kernel.
-    #[default]
-    Paper,
-}
-
-/// How much a prior counts, per squared radian and squared metre.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct AnchorWeight {
-    /// Of the prior's orientation.
-    pub rotation: f64,
-    /// Of the prior's position.
-    pub translation: f64,
-}
-
-impl AnchorWeight {
-    /// The paper's: one.
-    pub const UNIT: Self = Self {
-        rotation: 1.0,
-        translation: 1.0,
-    };
-    /// None at all: the prior is only where the search begins.
-    pub const NONE: Self = Self {
-        rotation: 0.0,
-        translation: 0.0,
-    };
-
-    fn check(self) -> Result<Self, Refusal> {
-        let good = |weight: f64| weight.is_finite() && weight >= 0.0;
-        if good(self.rotation) && good(self.translation) {
-            Ok(self)
-        } else {
-            Err(Refusal::BadWeight)
-        }
-    }
-}
 
 /// Names a neighbour within one star.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -178,6 +140,13 @@ impl Star {
             edges: Vec::with_capacity(MAX_EDGES),
             mode: Mode::Paper,
         })
+    }
+
+    /// The same star weighed in another way; the anchors that are there keep their weights.
+    #[must_use]
+    pub const fn in_mode(mut self, mode: Mode) -> Self {
+        self.mode = mode;
+        self
     }
 
     /// Empties the star for another round, keeping its memory and mode.
@@ -322,6 +291,10 @@ impl Star {
         noise.check(measurement.kind())?;
         let weight = match self.mode {
             Mode::Paper => Weight::Unit,
+            Mode::Star(robust) => match robust.weighting {
+                Weighting::Unit => Weight::Unit,
+                Weighting::Noise => Weight::Noise(noise),
+            },
         };
         let edge = Edge::with_offsets(measurement, weight, from_offset, to_offset)?;
         for present in self.edges.iter().filter(|present| present.other == other) {
