@@ -1,5 +1,6 @@
 //! One agent: a vehicle with its threads, from start to a clean stop. A process may run several.
 
+use crate::checkpoint::{self, CheckpointWriter};
 use crate::driver::replay::{FramesDriver, RecordingDriver, RecordingError};
 use crate::driver::zenoh::ZenohDriver;
 use crate::driver::{Driver, FrameSender, Surroundings};
@@ -7,6 +8,7 @@ use crate::faults::FaultFilter;
 use crate::inbox::{Inbox, Limits};
 use crate::life::Life;
 use crate::network::NetworkError;
+use crate::operator::Operator;
 use crate::outbox::{self, OUTBOX_MAX};
 use crate::process::Process;
 use crate::published::{Published, PublishedEstimate};
@@ -20,8 +22,9 @@ use crate::worker::Worker;
 use skein_proto::document::{HealthDocument, InfoDocument};
 use skein_proto::faults::{Faults, FaultsError};
 use skein_proto::name::Name;
-use skein_vehicle::Vehicle;
+use skein_vehicle::{Start, Vehicle};
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -49,6 +52,10 @@ pub enum StartError {
     #[error(transparent)]
     #[diagnostic(help("[log] names a folder or file that this user may write"))]
     Record(#[from] RecordError),
+    /// Checkpoints cannot be written.
+    #[error("checkpoints cannot be written to {0}: {1}")]
+    #[diagnostic(help("[start] checkpoint names a file in a folder that this user may write"))]
+    Checkpoint(PathBuf, std::io::Error),
     /// A recording that cannot be played.
     #[error(transparent)]
     Recording(#[from] RecordingError),
@@ -70,12 +77,23 @@ pub enum StartError {
 impl Agent {
     /// Starts a vehicle with its drivers. Returns at once: Zenoh opens in the background, and is tried again until it
     /// opens; the vehicle runs meanwhile.
-    pub fn start(settings: Settings) -> Result<Self, StartError> {
+    pub fn start(mut settings: Settings) -> Result<Self, StartError> {
         settings.network.zenoh()?;
         if settings.faults.is_some() && settings.network.is_secured()? {
             return Err(StartError::SimulationBesideTls);
         }
         let drivers = drivers(&settings)?;
+        let checkpoints = match &settings.checkpoint {
+            None => None,
+            Some(path) => {
+                let vehicle = settings.vehicle.vehicle;
+                if let Some(checkpoint) = checkpoint::load(path, vehicle) {
+                    settings.vehicle.start = Start::Checkpoint(checkpoint);
+                }
+                let writer = CheckpointWriter::start(path, vehicle);
+                Some(writer.map_err(|error| StartError::Checkpoint(path.clone(), error))?)
+            }
+        };
         let started = settings.clock.now();
         let recorder = settings
             .log
@@ -132,6 +150,7 @@ impl Agent {
                 log: recorder.as_ref().map(Recorder::health),
             },
             recorder,
+            checkpoints,
         };
         agent.worker = Some(thread("worker", move || worker.run(started))?);
         Ok(agent)
@@ -151,6 +170,7 @@ impl Agent {
             questions: self.questions.clone(),
             faults: self.faults.clone(),
             refusals: refusals.clone(),
+            rpc: settings.rpc,
         };
         let (network, outbox, life) = (
             settings.network.clone(),
@@ -165,8 +185,12 @@ impl Agent {
             settings.fleet,
             self.published.clone(),
         );
+        let operator = Operator {
+            clock: settings.clock,
+            inbox: self.inbox.clone(),
+        };
         self.threads.push(thread("queries", move || {
-            queries::answer_all(&questions, fleet, &published);
+            queries::answer_all(&questions, fleet, &published, &operator);
         })?);
         if let Some(filter) = self.faults.clone() {
             let (clock, inbox) = (settings.clock, self.inbox.clone());

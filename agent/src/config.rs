@@ -106,6 +106,8 @@ struct RawConfig {
     #[serde(default)]
     clock: RawClock,
     log: Option<RawLog>,
+    #[serde(default)]
+    rpc: RawRpc,
     simulation: Option<RawSimulation>,
 }
 
@@ -123,6 +125,13 @@ struct RawVehicle {
 struct RawStart {
     pose: Option<Spanned<RawPose>>,
     unknown: Option<Spanned<bool>>,
+    checkpoint: Option<Spanned<PathBuf>>,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields)]
+struct RawRpc {
+    enabled: bool,
 }
 
 #[derive(Deserialize)]
@@ -216,6 +225,8 @@ impl RawConfig {
             .log
             .map(|log| log.check(folder, vehicle, boot))
             .transpose()?;
+        let checkpoint = self.start.checkpoint.as_ref();
+        let checkpoint = checkpoint.map(|path| folder.join(path.get_ref()));
         let cooperative = self.cooperative.check()?;
         let estimate_rate_hz = positive(self.estimate.rate_hz_max.as_ref(), 20.0, "rate_hz_max")?;
         Ok(Settings {
@@ -238,6 +249,8 @@ impl RawConfig {
             network,
             clock,
             log,
+            checkpoint,
+            rpc: self.rpc.enabled,
             faults,
         })
     }

@@ -231,6 +231,8 @@ impl Source {
             Input::Appeared { vehicle, .. } | Input::Vanished { vehicle, .. } => {
                 (LaneKind::Presence, *vehicle)
             }
+            // An operator is one source among those that come and go.
+            Input::SetPose { .. } => (LaneKind::Presence, Name::parse("operator").ok()?),
             Input::Wake => return None,
         };
         Some(Self { lane, name })

@@ -9,6 +9,7 @@
 #![cfg_attr(test, allow(clippy::unwrap_used))]
 
 pub mod agent;
+pub mod checkpoint;
 pub mod clock;
 pub mod command;
 pub mod config;
@@ -17,6 +18,7 @@ mod faults;
 mod inbox;
 mod life;
 pub mod network;
+mod operator;
 mod outbox;
 pub mod pose_graph;
 mod process;

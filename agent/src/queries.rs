@@ -1,5 +1,6 @@
 //! Answers to queries for the estimate, the health and the info of this vehicle, and the errors for what they ask wrongly.
 
+use crate::operator::Operator;
 use crate::published::Published;
 use crate::queue::Queue;
 use serde::Serialize;
@@ -15,8 +16,17 @@ pub(crate) const QUERIES_MAX: usize = 256;
 
 /// A query and what it is for.
 pub(crate) struct Question {
-    pub(crate) about: About,
+    pub(crate) wish: Wish,
     pub(crate) query: Query,
+}
+
+/// What a query wants.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Wish {
+    /// A document.
+    Tell(About),
+    /// Something done: the verb under `@rpc`.
+    Do(Name),
 }
 
 /// The documents that are answered.
@@ -40,13 +50,29 @@ impl About {
 }
 
 /// Answers until the queue is closed.
-pub(crate) fn answer_all(questions: &Queue<Question>, fleet: Name, published: &Published) {
-    while let Some(Question { about, query }) = questions.pop() {
+pub(crate) fn answer_all(
+    questions: &Queue<Question>,
+    fleet: Name,
+    published: &Published,
+    operator: &Operator,
+) {
+    let vehicle = published.info().vehicle;
+    while let Some(Question { wish, query }) = questions.pop() {
         let parameters = query.parameters().as_str().to_owned();
-        let sent = match answer(about, &parameters, published) {
-            Ok((bytes, encoding)) => query
+        let answered = match wish {
+            Wish::Tell(about) => answer(about, &parameters, published)
+                .map(|(bytes, encoding)| (about.key(vehicle), bytes, encoding)),
+            Wish::Do(verb) => {
+                let payload = query.payload().map(|payload| payload.to_bytes());
+                let done = operator.obey(verb, payload.as_deref().unwrap_or_default());
+                let key = Key::Rpc { on: vehicle, verb };
+                done.map(|document| (key, json(&document), Encoding::APPLICATION_JSON))
+            }
+        };
+        let sent = match answered {
+            Ok((key, bytes, encoding)) => query
                 // Under our own key: the query's may have wildcards.
-                .reply(about.key(published.info().vehicle).in_fleet(fleet), bytes)
+                .reply(key.in_fleet(fleet), bytes)
                 .encoding(encoding)
                 .wait(),
             Err(error) => query
@@ -55,7 +81,7 @@ pub(crate) fn answer_all(questions: &Queue<Question>, fleet: Name, published: &P
                 .wait(),
         };
         if let Err(error) = sent {
-            tracing::debug!(%error, ?about, "a reply could not be sent");
+            tracing::debug!(%error, ?wish, "a reply could not be sent");
         }
     }
 }

@@ -4,7 +4,7 @@
 use crate::clock::Clock;
 use crate::faults::FaultFilter;
 use crate::inbox::Inbox;
-use crate::queries::{About, Question};
+use crate::queries::{About, Question, Wish};
 use crate::queue::Queue;
 use crate::refusals::Refusals;
 use skein_proto::envelope::ENVELOPE_BYTES;
@@ -14,6 +14,7 @@ use skein_proto::limits::{DOCUMENT_BYTES_MAX, PACKET_BYTES_MAX};
 use skein_proto::name::Name;
 use skein_vehicle::{Input, PacketKey};
 use zenoh::liveliness::LivelinessToken;
+use zenoh::query::Query;
 use zenoh::sample::{Locality, Sample, SampleKind};
 use zenoh::{Session, Wait};
 
@@ -28,6 +29,8 @@ pub(crate) struct Reception {
     pub(crate) questions: Queue<Question>,
     pub(crate) faults: Option<FaultFilter>,
     pub(crate) refusals: Refusals,
+    /// Whether queries under `@rpc` are taken.
+    pub(crate) rpc: bool,
 }
 
 impl Reception {
@@ -61,8 +64,17 @@ impl Reception {
             session
                 .declare_queryable(about.key(self.vehicle).in_fleet(self.fleet))
                 .callback(move |query| {
-                    questions.push(Question { about, query });
+                    let wish = Wish::Tell(about);
+                    questions.push(Question { wish, query });
                 })
+                .background()
+                .wait()?;
+        }
+        if self.rpc {
+            let reception = self.clone();
+            session
+                .declare_queryable(select::rpc_on(self.fleet, self.vehicle))
+                .callback(move |query| reception.rpc(query))
                 .background()
                 .wait()?;
         }
@@ -104,6 +116,15 @@ impl Reception {
             Some(filter) => filter.pass(arrival, key.from(), packet, &self.inbox),
             None => self.inbox.push(arrival, packet),
         }
+    }
+
+    fn rpc(&self, query: Query) {
+        let Ok((_, Key::Rpc { verb, .. })) = Key::parse(query.key_expr().as_str()) else {
+            self.refusals.count("wrong_key");
+            return;
+        };
+        let wish = Wish::Do(verb);
+        self.questions.push(Question { wish, query });
     }
 
     fn presence(&self, sample: &Sample) {

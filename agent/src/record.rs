@@ -16,7 +16,7 @@ use skein_estimation::transform::Transform;
 use skein_proto::document::QueueHealth;
 use skein_proto::keys::boot_text;
 use skein_proto::name::Name;
-use skein_vehicle::{Config, Input, Output, PacketKey, SensorConfig, Start};
+use skein_vehicle::{Checkpoint, Config, Input, Output, PacketKey, SensorConfig, Start};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufWriter;
@@ -28,7 +28,7 @@ use std::thread::JoinHandle;
 /// Steps that wait for the disk at most: some seconds of a busy vehicle.
 const STEPS_MAX: usize = 8_192;
 /// The name of this form of log.
-pub(crate) const FORMAT: &str = "skein-log 1";
+pub(crate) const FORMAT: &str = "skein-log 2";
 /// The metadata record and the channels.
 pub(crate) const METADATA: &str = "skein";
 pub(crate) const INPUT: &str = "input";
@@ -38,6 +38,7 @@ type Writer = mcap::Writer<BufWriter<File>>;
 
 /// One call of [`skein_vehicle::Vehicle::handle`] and what came of it. The first has no input: the vehicle was made.
 pub(crate) struct Step {
+    vehicle: Name,
     pub(crate) input: InputRecord,
     pub(crate) outputs: Vec<OutputRecord>,
 }
@@ -58,10 +59,11 @@ pub(crate) enum OutputRecord {
     Estimate { packet: Vec<u8> },
     Health { json: String },
     WakeAt { stamp_ns: i64 },
+    Checkpoint { bytes: Vec<u8> },
 }
 
 impl OutputRecord {
-    pub(crate) fn of(output: &Output) -> Self {
+    pub(crate) fn of(output: &Output, vehicle: Name) -> Self {
         match output {
             Output::Send { key, bytes } => Self::Send {
                 key: *key,
@@ -77,13 +79,17 @@ impl OutputRecord {
             Output::WakeAt(stamp) => Self::WakeAt {
                 stamp_ns: stamp.as_nanos(),
             },
+            Output::Checkpoint(checkpoint) => Self::Checkpoint {
+                bytes: checkpoint.encode(vehicle).to_vec(),
+            },
         }
     }
 }
 
 impl Step {
-    pub(crate) fn new(now: Stamp, input: Option<Input>) -> Self {
+    pub(crate) fn new(vehicle: Name, now: Stamp, input: Option<Input>) -> Self {
         Self {
+            vehicle,
             input: InputRecord {
                 now_ns: now.as_nanos(),
                 outputs: 0,
@@ -95,7 +101,7 @@ impl Step {
 
     pub(crate) fn add(&mut self, output: &Output) {
         self.input.outputs += 1;
-        self.outputs.push(OutputRecord::of(output));
+        self.outputs.push(OutputRecord::of(output, self.vehicle));
     }
 }
 
@@ -107,7 +113,7 @@ pub(crate) struct Header {
     boot: u64,
     period_ns: i64,
     round_wait_ns: i64,
-    start: Option<Pose>,
+    start: StartRecord,
     mode: ModeRecord,
     optimiser: OptimiserRecord,
     sensors: Vec<(Name, String, Pose)>,
@@ -119,6 +125,13 @@ pub(crate) struct Header {
 
 /// Quaternion (x, y, z, w), then translation: as it is held, so that nothing is rounded.
 type Pose = ([f64; 4], [f64; 3]);
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+enum StartRecord {
+    Pose(Pose),
+    Checkpoint(Vec<u8>),
+    Unknown,
+}
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 enum ModeRecord {
@@ -157,8 +170,11 @@ impl Header {
             period_ns: config.period.as_nanos(),
             round_wait_ns: config.round_wait.as_nanos(),
             start: match &config.start {
-                Start::Pose(pose) => Some(record_pose(pose)),
-                Start::Unknown => None,
+                Start::Pose(pose) => StartRecord::Pose(record_pose(pose)),
+                Start::Checkpoint(checkpoint) => {
+                    StartRecord::Checkpoint(checkpoint.encode(config.vehicle).to_vec())
+                }
+                Start::Unknown => StartRecord::Unknown,
             },
             mode: record_mode(&config.mode),
             optimiser: record_optimiser(&config.optimiser),
@@ -180,10 +196,12 @@ impl Header {
             boot: self.boot,
             period: Span::from_nanos(self.period_ns),
             round_wait: Span::from_nanos(self.round_wait_ns),
-            start: self
-                .start
-                .as_ref()
-                .map_or(Start::Unknown, |pose| Start::Pose(read_pose(pose))),
+            start: match &self.start {
+                StartRecord::Pose(pose) => Start::Pose(read_pose(pose)),
+                StartRecord::Checkpoint(bytes) => Checkpoint::decode(self.vehicle, bytes)
+                    .map_or(Start::Unknown, Start::Checkpoint),
+                StartRecord::Unknown => Start::Unknown,
+            },
             mode: read_mode(&self.mode),
             optimiser: read_optimiser(&self.optimiser),
             sensors: self

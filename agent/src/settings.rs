@@ -24,6 +24,11 @@ pub struct Settings {
     pub clock: Clock,
     /// Where the input log goes, when one is wanted.
     pub log: Option<PathBuf>,
+    /// Where the vehicle writes down where it is, to resume from after a restart; a usable one found there at the start
+    /// takes the place of the configured start pose.
+    pub checkpoint: Option<PathBuf>,
+    /// Whether queries under `@rpc` have an effect.
+    pub rpc: bool,
     /// Present when simulated radio faults are obeyed; never beside TLS.
     pub faults: Option<FaultSettings>,
 }

@@ -113,7 +113,7 @@ impl Repeated {
         let mut computed = Vec::new();
         loop {
             let output = self.vehicle.poll();
-            computed.push(OutputRecord::of(&output));
+            computed.push(OutputRecord::of(&output, self.verified.vehicle));
             if matches!(output, Output::WakeAt(_)) {
                 break;
             }
@@ -151,6 +151,7 @@ fn describe(output: Option<&OutputRecord>) -> String {
         Some(OutputRecord::Estimate { packet }) => format!("an estimate of {} bytes", packet.len()),
         Some(OutputRecord::Health { json }) => format!("the health {json}"),
         Some(OutputRecord::WakeAt { stamp_ns }) => format!("a wake at {stamp_ns} ns"),
+        Some(OutputRecord::Checkpoint { bytes }) => format!("the checkpoint {bytes:02x?}"),
     }
 }
 
@@ -267,7 +268,7 @@ mod tests {
             if let Some(input) = &input {
                 vehicle.handle(now, Input::clone(input));
             }
-            let mut step = Step::new(now, input.take());
+            let mut step = Step::new(vehicle.info().vehicle, now, input.take());
             let wake_at = loop {
                 let output = vehicle.poll();
                 step.add(&output);

@@ -1,6 +1,7 @@
 //! The one thread that owns the vehicle: takes inputs in the order of their arrival, hands out what comes of them, and
 //! keeps the vehicle's only timer.
 
+use crate::checkpoint::CheckpointWriter;
 use crate::clock::Clock;
 use crate::inbox::{Inbox, Popped};
 use crate::outbox::Outgoing;
@@ -21,6 +22,7 @@ pub(crate) struct Worker {
     pub(crate) published: Published,
     pub(crate) process: Process,
     pub(crate) recorder: Option<Recorder>,
+    pub(crate) checkpoints: Option<CheckpointWriter>,
 }
 
 /// What the vehicle waits for, and when it was last told the time.
@@ -77,7 +79,10 @@ impl Worker {
     }
 
     fn drain(&mut self, pace: &mut Pace, input: Option<Input>) {
-        let mut step = self.recorder.as_ref().map(|_| Step::new(pace.now, input));
+        let mut step = self
+            .recorder
+            .as_ref()
+            .map(|_| Step::new(self.published.info().vehicle, pace.now, input));
         loop {
             let output = self.vehicle.poll();
             if let Some(step) = &mut step {
@@ -110,6 +115,11 @@ impl Worker {
                     let health = Arc::new(health);
                     self.published.set_health(Arc::clone(&health));
                     self.outbox.push(Outgoing::Health(health));
+                }
+                Output::Checkpoint(checkpoint) => {
+                    if let Some(writer) = &self.checkpoints {
+                        writer.write(checkpoint);
+                    }
                 }
                 Output::WakeAt(instant) => {
                     pace.wake_at = instant;

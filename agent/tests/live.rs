@@ -53,6 +53,8 @@ fn settings(fleet: &str, vehicle: &str, clock: Clock, connect: Vec<String>) -> S
         network: NetworkSettings::loopback(connect),
         clock,
         log: None,
+        checkpoint: None,
+        rpc: false,
         faults: None,
     }
 }

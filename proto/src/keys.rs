@@ -226,6 +226,10 @@ pub mod select {
     pub fn healths(fleet: Name) -> String {
         format!("{fleet}/{VERSION_CHUNK}/*/state/health")
     }
+    /// Queries with an effect on one vehicle.
+    pub fn rpc_on(fleet: Name, on: Name) -> String {
+        format!("{fleet}/{VERSION_CHUNK}/{on}/@rpc/*")
+    }
     /// Liveliness tokens of everybody.
     pub fn alive(fleet: Name) -> String {
         format!("{fleet}/{VERSION_CHUNK}/*/@alive/*")

@@ -44,6 +44,14 @@ impl Status {
         Self::ALL.get(usize::from(code)).copied()
     }
 
+    /// Whether a vehicle of this status has a pose that others may use.
+    pub fn is_located(self) -> bool {
+        matches!(
+            self,
+            Self::Tracking | Self::Degraded | Self::DeadReckoning | Self::Alone
+        )
+    }
+
     /// As people read it.
     pub fn words(self) -> &'static str {
         match self {

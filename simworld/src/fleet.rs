@@ -10,7 +10,7 @@ use crate::world::{Delivery, World};
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 use skein_estimation::time::Stamp;
 use skein_proto::document::{EstimateDocument, HealthDocument, PoseDocument};
-use skein_vehicle::{Config, Input, Output, PacketKey, Vehicle};
+use skein_vehicle::{Checkpoint, Config, Input, Output, PacketKey, Vehicle};
 use std::collections::BTreeMap;
 
 /// Several vehicles and the air between them.
@@ -34,6 +34,8 @@ struct Member {
     wake_ns: i64,
     estimate: Option<Box<EstimateDocument>>,
     health: Option<Box<HealthDocument>>,
+    /// What it wrote down last; it survives its process.
+    checkpoint: Option<Checkpoint>,
 }
 
 #[derive(Clone, Debug)]
@@ -98,6 +100,7 @@ impl<S: Stage> Fleet<S> {
             wake_ns: i64::MAX,
             estimate: None,
             health: None,
+            checkpoint: None,
         };
         let members: Vec<Member> = (0..stage.vehicles()).map(member).collect();
         let mut fleet = Self {
@@ -190,6 +193,17 @@ impl<S: Stage> Fleet<S> {
     #[must_use]
     pub fn health(&self, vehicle: usize) -> Option<&HealthDocument> {
         self.members[vehicle].health.as_deref()
+    }
+
+    /// What a vehicle wrote down last, in this process or one before it.
+    #[must_use]
+    pub fn checkpoint(&self, vehicle: usize) -> Option<Checkpoint> {
+        self.members[vehicle].checkpoint
+    }
+
+    /// A vehicle is given an input at once: an operator's, say.
+    pub fn give(&mut self, vehicle: usize, input: Input) {
+        self.feed(vehicle, input);
     }
 
     /// A vehicle's newest estimated pose and the truth at the time that it speaks of.
@@ -355,6 +369,9 @@ impl<S: Stage> Fleet<S> {
                     self.members[vehicle].estimate = Some(document)
                 }
                 Output::Health(document) => self.members[vehicle].health = Some(document),
+                Output::Checkpoint(checkpoint) => {
+                    self.members[vehicle].checkpoint = Some(checkpoint);
+                }
                 Output::WakeAt(at) => {
                     let wake_ns = self.stage.time_ns(vehicle, at.as_nanos()).max(self.now_ns);
                     if self.members[vehicle].wake_ns != wake_ns {

@@ -50,6 +50,8 @@ fn agent(clock: Clock) -> Agent {
         network: NetworkSettings::loopback(vec![]),
         clock,
         log: None,
+        checkpoint: None,
+        rpc: false,
         faults: None,
     };
     let agent = Agent::start(settings).unwrap();

@@ -23,7 +23,7 @@ use skein_simworld::fleet::{Fleet, LoggedValue};
 use skein_simworld::scenario::Scenario;
 use skein_simworld::stage::Stage;
 use skein_simworld::world::nanos;
-use skein_vehicle::{Config, Input, Output, PacketKey, Vehicle};
+use skein_vehicle::{Checkpoint, Config, Input, Output, PacketKey, Vehicle};
 
 const SEED: u64 = 11;
 const PIECES: usize = 100_000;
@@ -167,6 +167,11 @@ fn check_finite(output: &Output) {
                     "{document:?}"
                 );
             }
+        }
+        Output::Checkpoint(checkpoint) => {
+            let vehicle = name("v1");
+            let bytes = checkpoint.encode(vehicle);
+            assert_eq!(Checkpoint::decode(vehicle, &bytes), Ok(*checkpoint));
         }
         Output::Health(_) | Output::WakeAt(_) => {}
     }

@@ -5,6 +5,8 @@ use skein_estimation::time::Span;
 use skein_estimation::{Body, Sensor, Transform, World};
 use skein_proto::name::Name;
 
+use crate::checkpoint::Checkpoint;
+
 /// Everything that makes one vehicle. There are no defaults here: whoever builds it says what it means.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Config {
@@ -50,6 +52,8 @@ pub struct SensorConfig {
 pub enum Start {
     /// The pose at the first odometry.
     Pose(Transform<World, Body>),
+    /// What a process before this one wrote down: shown with its age until others, or a fix, have placed the vehicle.
+    Checkpoint(Checkpoint),
     /// Nothing: others, or a fix, must place this vehicle.
     Unknown,
 }

@@ -35,6 +35,16 @@ pub(crate) struct DeadReckoning {
 struct Correction {
     world_from_odometry: Transform<World, Odometry>,
     segment: u8,
+    footing: Footing,
+}
+
+/// What a pose rests on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Footing {
+    /// A start pose, or what was measured since.
+    Placed,
+    /// A checkpoint: the vehicle may have been moved meanwhile. Good to be shown, never to be told or built on.
+    Resumed,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -126,10 +136,22 @@ impl DeadReckoning {
             growth: Growth::zero(),
         };
         self.track.insert(point);
-        if let Start::Pose(world_from_body) = self.start {
-            self.correct(&point, world_from_body);
+        match self.start {
+            Start::Pose(world_from_body) => self.correct(&point, world_from_body),
+            Start::Checkpoint(checkpoint) => {
+                self.lay(&point, checkpoint.world_from_body, Footing::Resumed);
+            }
+            Start::Unknown => {}
         }
         point
+    }
+
+    /// The vehicle is here now: at the newest odometry, or at the first when none has come.
+    pub(crate) fn set_pose(&mut self, world_from_body: Transform<World, Body>) {
+        match self.newest().copied() {
+            Some(newest) => self.correct(&newest, world_from_body),
+            None => self.start = Start::Pose(world_from_body),
+        }
     }
 
     /// Odometry at an instant.
@@ -141,7 +163,22 @@ impl DeadReckoning {
         self.track.newest()
     }
 
-    /// The estimate at a point of odometry; none while the vehicle is unplaced or odometry was interrupted since.
+    /// The estimate at a point of odometry, as it may be told and built on; none while the vehicle is unplaced, resumes
+    /// from a checkpoint, or odometry was interrupted since.
+    pub(crate) fn placed_at(&self, point: &OdometryPoint) -> Option<Transform<World, Body>> {
+        self.pose_at(point).filter(|_| !self.is_resuming())
+    }
+
+    /// Whether the pose is that of a checkpoint, not yet confirmed.
+    pub(crate) fn is_resuming(&self) -> bool {
+        match &self.correction {
+            Some(correction) => correction.footing == Footing::Resumed,
+            None => matches!(self.start, Start::Checkpoint(_)),
+        }
+    }
+
+    /// The estimate at a point of odometry, to be shown; none while the vehicle is unplaced or odometry was interrupted
+    /// since.
     pub(crate) fn pose_at(&self, point: &OdometryPoint) -> Option<Transform<World, Body>> {
         let correction = self
             .correction
@@ -155,10 +192,19 @@ impl DeadReckoning {
         point: &OdometryPoint,
         world_from_body: Transform<World, Body>,
     ) {
-        let world_from_odometry = world_from_body * point.odometry_from_body.inverse();
+        self.lay(point, world_from_body, Footing::Placed);
+    }
+
+    fn lay(
+        &mut self,
+        point: &OdometryPoint,
+        world_from_body: Transform<World, Body>,
+        footing: Footing,
+    ) {
         self.correction = Some(Correction {
-            world_from_odometry,
+            world_from_odometry: world_from_body * point.odometry_from_body.inverse(),
             segment: point.segment,
+            footing,
         });
         self.interrupted = None;
     }

@@ -37,6 +37,11 @@ pub enum Input {
     },
     /// The time that [`crate::Output::WakeAt`] asked for has come.
     Wake,
+    /// An operator says where the vehicle is.
+    SetPose {
+        /// `world_from_body`: rotation vector (rad), then translation (m).
+        world_from_body: [f64; 6],
+    },
 }
 
 /// The keys under which vehicles send each other packets.

@@ -31,6 +31,7 @@
 //! This crate knows nothing of Zenoh, tokio, files or clocks: time is an argument, and the same inputs at the same
 //! times give the same outputs, bit by bit.
 
+pub mod checkpoint;
 pub mod config;
 pub mod input;
 pub mod output;
@@ -39,9 +40,11 @@ pub mod vehicle;
 mod clock;
 mod counters;
 mod dead_reckoning;
+mod gathering;
 mod hearing;
 mod local_star;
 mod neighbours;
+mod placing;
 mod refused;
 mod reporting;
 mod rounds;
@@ -49,6 +52,7 @@ mod sensors;
 mod speaking;
 mod translate;
 
+pub use checkpoint::{Checkpoint, CheckpointError};
 pub use config::{Config, SensorConfig, Start};
 pub use input::{Input, PacketKey};
 pub use output::Output;

@@ -1,39 +1,20 @@
-//! Puts one round together as the local star of the cooperative pipeline: my pose at my instant, each neighbour's pose
-//! at *its* instant nearest to mine, and what either measured of the other, each at the time it was taken.
+//! Puts a gathered round together as the local star of the cooperative pipeline: my pose at my instant, each
+//! neighbour's pose at *its* instant nearest to mine, and what either measured of the other.
 
-use std::collections::BTreeSet;
-
-use skein_estimation::cooperative::{NeighbourIndex, Star};
-use skein_estimation::odometry::Gap;
-use skein_estimation::time::{Span, Stamp};
-use skein_estimation::{Body, Sensor, Transform, World};
-use skein_proto::measured::Measured;
+use nalgebra::{UnitQuaternion, Vector3};
+use skein_estimation::cooperative::{AnchorWeight, Measurement, NeighbourIndex, Star};
+use skein_estimation::time::Stamp;
+use skein_estimation::{Body, Transform, World};
 use skein_proto::name::Name;
 
-use crate::clock::PeerStamp;
-use crate::dead_reckoning::{DeadReckoning, motion};
-use crate::neighbours::{Boot, HeardExchange, Neighbours};
+use crate::gathering::{Direction, Gathered, Spoke, Tie};
+use crate::placing::agree;
 use crate::refused::Refused;
-use crate::rounds::{ROUNDS_LATE_MAX, Round};
+use crate::rounds::{Fix, Round};
 use crate::translate::{self, Sighting};
 
-/// A reading so near to an instant is taken for one at it: no odometry is needed, and a clock offset's jitter moves
-/// nothing (at 10 m/s by 2 mm).
-const AT_THE_INSTANT: Span = Span::micros(200);
-/// Acceleration for which the error of interpolated odometry is allowed for, |a| P^2 / 8.
-const INTERPOLATED_ACCELERATION_M_S2: f64 = 1.0;
-
-/// What a star is built from.
-pub(crate) struct Material<'a> {
-    pub(crate) round: &'a Round,
-    pub(crate) neighbours: &'a Neighbours,
-    pub(crate) reckoning: &'a DeadReckoning,
-    /// Where others' sensors see this vehicle.
-    pub(crate) body_from_target: Transform<Body, Sensor>,
-    pub(crate) period: Span,
-    /// Whether what is missing will no longer be waited for.
-    pub(crate) deadline_passed: bool,
-}
+/// Headings that are tried for a vehicle of which nobody measured the whole pose.
+const HEADINGS: usize = 8;
 
 /// A star that was built, and what went into it.
 #[derive(Clone, Debug)]
@@ -44,7 +25,7 @@ pub(crate) struct Built {
     pub(crate) fixes: usize,
     /// Fixes that were not used, and of which sensor they are.
     pub(crate) fixes_refused: Vec<(Name, Refused)>,
-    /// `body@instant_from_body@solved` of this vehicle: the star is solved at the mean time of its readings.
+    /// As in [`Gathered`].
     pub(crate) instant_from_solved: Transform<Body, Body>,
 }
 
@@ -60,8 +41,8 @@ pub(crate) struct Used {
     pub(crate) instant_from_solved: Transform<Body, Body>,
 }
 
-impl Default for Built {
-    fn default() -> Self {
+impl Built {
+    fn nothing() -> Self {
         Self {
             used: Vec::new(),
             refused: Vec::new(),
@@ -70,88 +51,64 @@ impl Default for Built {
             instant_from_solved: Transform::identity(),
         }
     }
-}
 
-impl Built {
     pub(crate) fn edges(&self) -> u64 {
         self.used.iter().map(|used| used.edges).sum::<u64>() + self.fixes as u64
     }
+
+    /// What becomes of a round without odometry at its instant: nothing of it can be used.
+    pub(crate) fn without_odometry(round: &Round) -> Self {
+        let lost = |(name, list): (&Name, &Vec<_>)| vec![(*name, Refused::NoOdometry); list.len()];
+        let fixes = round.fixes.iter();
+        Self {
+            refused: round.measured.iter().flat_map(lost).collect(),
+            fixes_refused: fixes.map(|fix| (fix.sensor, Refused::NoOdometry)).collect(),
+            ..Self::nothing()
+        }
+    }
+
+    /// Every measurement that went in was for nothing, for one reason.
+    pub(crate) fn in_vain(mut self, why: &Refused) -> Self {
+        for used in self.used.drain(..) {
+            self.refused
+                .extend((0..used.edges).map(|_| (used.name, why.clone())));
+        }
+        self.fixes = 0;
+        self
+    }
 }
 
-/// Why a star is not built now.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct NotYet;
-
-/// Which way a measurement went.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Direction {
-    Mine,
-    Theirs,
+/// Where this vehicle stands in its star.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Centre {
+    /// At its prior, which counts.
+    Prior(Transform<World, Body>),
+    /// Anywhere: the search begins here, and only measurements count.
+    Free(Transform<World, Body>),
 }
 
-/// A neighbour with all measurements between it and this vehicle.
-struct Spoke<'a> {
-    name: Name,
-    boot: &'a Boot,
-    exchange: &'a HeardExchange,
-    /// Its instant, on our clock.
-    taken: Stamp,
-    prior: Transform<World, Body>,
-    ties: Vec<Tie>,
-}
-
-/// A measurement with both its ends, each in the body frame of that vehicle's instant, and when it was taken after
-/// either instant.
-struct Tie {
-    direction: Direction,
-    sighting: Sighting,
-    own_end: Transform<Body, Sensor>,
-    their_end: Transform<Body, Sensor>,
-    own_offset: Span,
-    their_offset: Span,
-}
-
-/// Why a measurement has no end.
-enum NoEnd {
-    Wait,
-    Never(Refused),
-}
-
-impl Material<'_> {
-    /// Fills `star` with the round, around `prior`. Waits, unless the deadline has passed, for neighbours who were told
-    /// something and have not answered, and for odometry around measurements.
+impl Gathered<'_> {
+    /// Fills `star` with the round.
     ///
     /// Each vehicle's unknown is its pose at its instant, but its anchor stands at the mean time of its readings: held
     /// at the instant, a prior resists that a turn at the time of the readings also moves the vehicle since then, and
     /// late readings cost a third of the accuracy (0.185 m against 0.140 m for readings 150 ms late).
-    pub(crate) fn build(
-        &self,
-        star: &mut Star,
-        prior: Transform<World, Body>,
-    ) -> Result<Built, NotYet> {
-        let mut built = Built::default();
-        self.wait_for_answers()?;
-        let spokes = self.spokes(&mut built)?;
-        let own_offsets = spokes
-            .iter()
-            .flat_map(|spoke| &spoke.ties)
-            .map(|tie| tie.own_offset);
-        let own_offset =
-            mean(own_offsets.chain(self.round.fixes.iter().map(|fix| fix.taken_offset)));
-        built.instant_from_solved = self
-            .own_motion(self.round.instant + own_offset)
-            .unwrap_or_else(|_| Transform::identity());
-        if star
-            .restart(
-                (prior * built.instant_from_solved).reframe(),
-                star.mode().anchor(),
-            )
-            .is_err()
-        {
-            return Ok(built);
+    pub(crate) fn build(&self, star: &mut Star, centre: Centre) -> Built {
+        let mut built = Built {
+            refused: self.refused.clone(),
+            instant_from_solved: self.instant_from_solved,
+            ..Built::nothing()
+        };
+        let (pose, weight) = match centre {
+            Centre::Prior(prior) => (prior, star.mode().anchor()),
+            Centre::Free(start) => (start, AnchorWeight::NONE),
+        };
+        let pose = pose * built.instant_from_solved;
+        if star.restart(pose.reframe(), weight).is_err() {
+            return built;
         }
-        for spoke in spokes {
-            add(star, &spoke, &mut built);
+        for spoke in &self.spokes {
+            add(star, spoke, &mut built);
         }
         let solved_from_instant = built.instant_from_solved.inverse();
         for fix in &self.round.fixes {
@@ -165,202 +122,63 @@ impl Material<'_> {
                 Err(why) => built.fixes_refused.push((fix.sensor, why)),
             }
         }
-        Ok(built)
+        built
     }
 
-    /// Everybody whom this vehicle measured in the round, or who was heard in it.
-    fn spokes(&self, built: &mut Built) -> Result<Vec<Spoke<'_>>, NotYet> {
-        let heard = self.neighbours.iter().filter(|(_, neighbour)| {
-            neighbour
-                .usable()
-                .is_some_and(|boot| boot.exchanges.contains_key(&self.round.index))
+    /// Where a vehicle without a pose may be at the round's instant. Each measured pose says it outright, and the one
+    /// that most others agree with is the start; without any, a few headings amid the neighbours are.
+    pub(crate) fn starts(&self) -> Vec<Transform<World, Body>> {
+        let by_neighbours = self.spokes.iter().flat_map(|spoke| {
+            spoke
+                .ties
+                .iter()
+                .filter_map(|tie| tie.own_pose(&spoke.prior))
         });
-        let heard = heard.map(|(name, _)| name);
-        let names: BTreeSet<Name> = self.round.measured.keys().copied().chain(heard).collect();
-        // The nearest first: a star has room for so many.
-        let distance_m = |name: &Name| {
-            let neighbour = self.neighbours.get(*name);
-            neighbour.map_or(f64::INFINITY, |neighbour| neighbour.distance_m())
-        };
-        let mut names: Vec<Name> = names.into_iter().collect();
-        names.sort_by(|a, b| distance_m(a).total_cmp(&distance_m(b)).then(a.cmp(b)));
-        let mut spokes = Vec::new();
-        for name in names {
-            spokes.extend(self.spoke(name, built)?);
+        let by_fixes = self.round.fixes.iter().filter_map(Fix::world_from_body);
+        let told: Vec<Transform<World, Body>> = by_neighbours.chain(by_fixes).collect();
+        let agreeing =
+            |pose: &&Transform<World, Body>| told.iter().filter(|other| agree(pose, other)).count();
+        // The first of the best: deterministic.
+        if let Some(best) = told.iter().rev().max_by_key(agreeing) {
+            return vec![*best];
         }
-        Ok(spokes)
-    }
-
-    /// What becomes of a round of a vehicle that has no pose: nothing of it can be used.
-    pub(crate) fn without_prior(&self) -> Built {
-        let why = if self.round.odometry.is_some() {
-            Refused::Unplaced
-        } else {
-            Refused::NoOdometry
-        };
-        let lost = |(name, list): (&Name, &Vec<Measured>)| vec![(*name, why.clone()); list.len()];
-        let fixes = self.round.fixes.iter();
-        Built {
-            refused: self.round.measured.iter().flat_map(lost).collect(),
-            fixes_refused: fixes.map(|fix| (fix.sensor, why.clone())).collect(),
-            ..Built::default()
+        let places = self.spokes.iter().map(|spoke| spoke.prior.translation);
+        let count = self.spokes.len();
+        if count == 0 {
+            return Vec::new();
         }
-    }
-
-    /// Whoever was told something this round is expected to answer, if its clock is known so that the answer is of use.
-    fn wait_for_answers(&self) -> Result<(), NotYet> {
-        let answered = |name: &Name| {
-            let boot = self
-                .neighbours
-                .get(*name)
-                .and_then(|neighbour| neighbour.usable());
-            boot.is_none_or(|boot| boot.exchanges.contains_key(&self.round.index))
-        };
-        if self.deadline_passed || self.round.told.iter().all(answered) {
-            Ok(())
-        } else {
-            Err(NotYet)
-        }
-    }
-
-    fn spoke(&self, name: Name, built: &mut Built) -> Result<Option<Spoke<'_>>, NotYet> {
-        let mine = self
-            .round
-            .measured
-            .get(&name)
-            .map_or(&[][..], Vec::as_slice);
-        let mut refuse = |why: Refused, times: usize| {
-            built
-                .refused
-                .extend(std::iter::repeat_n((name, why), times));
-        };
-        let Some(boot) = self
-            .neighbours
-            .get(name)
-            .and_then(|neighbour| neighbour.usable())
-        else {
-            refuse(Refused::ClockUnknown, mine.len());
-            return Ok(None);
-        };
-        let Some(exchange) = boot.exchanges.get(&self.round.index) else {
-            refuse(Refused::NoPrior, mine.len());
-            return Ok(None);
-        };
-        let Some(prior) = exchange.prior else {
-            refuse(Refused::NoPrior, mine.len() + exchange.measured.len());
-            return Ok(None);
-        };
-        let mine = mine.iter().map(|measured| (Direction::Mine, measured));
-        let theirs = exchange
-            .measured
-            .iter()
-            .map(|measured| (Direction::Theirs, measured));
-        let mut ties = Vec::new();
-        for (direction, measured) in mine.chain(theirs) {
-            match self.tie(direction, measured, boot, exchange) {
-                Ok(tie) => ties.push(tie),
-                Err(NoEnd::Wait) if !self.deadline_passed => return Err(NotYet),
-                Err(NoEnd::Wait) => refuse(Refused::NoOdometry, 1),
-                Err(NoEnd::Never(why)) => refuse(why, 1),
-            }
-        }
-        let taken = boot
-            .clock
-            .to_mine(exchange.instant)
-            .unwrap_or(self.round.instant);
-        Ok((!ties.is_empty()).then_some(Spoke {
-            name,
-            boot,
-            exchange,
-            taken,
-            prior,
-            ties,
-        }))
-    }
-
-    /// Both ends of a measurement. The measuring end comes with it; the measured end is that vehicle's motion between
-    /// its round and the reading, then its target.
-    fn tie(
-        &self,
-        direction: Direction,
-        measured: &Measured,
-        boot: &Boot,
-        exchange: &HeardExchange,
-    ) -> Result<Tie, NoEnd> {
-        let mut sighting = translate::sighting(&measured.value).map_err(NoEnd::Never)?;
-        let offset = Span::micros(i64::from(measured.taken_offset_us));
-        if offset > Span::ZERO {
-            return Err(NoEnd::Never(Refused::FromTheFuture));
-        }
-        if -offset > self.period * (ROUNDS_LATE_MAX + 1) {
-            return Err(NoEnd::Never(Refused::TooLate));
-        }
-        let unknown = NoEnd::Never(Refused::ClockUnknown);
-        let (own_end, their_end, own_offset, their_offset) = match direction {
-            Direction::Mine => {
-                let taken = boot
-                    .clock
-                    .to_peer(self.round.instant + offset)
-                    .ok_or(unknown)?;
-                let their_end =
-                    their_motion(boot, exchange.instant, taken)? * boot.body_from_target;
-                (
-                    sighting.from_end,
-                    their_end,
-                    offset,
-                    taken.since(exchange.instant),
+        let amid = places.sum::<Vector3<f64>>() / count as f64;
+        let heading = |nth| std::f64::consts::TAU * nth as f64 / HEADINGS as f64;
+        (0..HEADINGS)
+            .map(|nth| {
+                Transform::new(
+                    UnitQuaternion::from_euler_angles(0.0, 0.0, heading(nth)),
+                    amid,
                 )
-            }
-            Direction::Theirs => {
-                let taken = boot
-                    .clock
-                    .to_mine(exchange.instant.plus(offset))
-                    .ok_or(unknown)?;
-                let own_end = self.own_motion(taken)? * self.body_from_target;
-                (
-                    own_end,
-                    sighting.from_end,
-                    taken - self.round.instant,
-                    offset,
-                )
-            }
-        };
-        if offset != Span::ZERO && sighting.noise.translation > 0.0 {
-            let period_s = self.period.as_secs_f64();
-            let interpolation_m = INTERPOLATED_ACCELERATION_M_S2 * period_s * period_s / 8.0;
-            sighting.noise.translation = sighting.noise.translation.hypot(interpolation_m);
-        }
-        Ok(Tie {
-            direction,
-            sighting,
-            own_end,
-            their_end,
-            own_offset,
-            their_offset,
-        })
+            })
+            .collect()
     }
+}
 
-    /// `body@round_from_body@taken` of this vehicle.
-    fn own_motion(&self, taken: Stamp) -> Result<Transform<Body, Body>, NoEnd> {
-        if (taken - self.round.instant).abs() <= AT_THE_INSTANT {
-            return Ok(Transform::identity());
-        }
-        let at_round = self
-            .round
-            .odometry
-            .as_ref()
-            .ok_or(NoEnd::Never(Refused::NoOdometry))?;
-        let at_taken = self.reckoning.at(taken).map_err(no_end)?;
-        motion(at_round, &at_taken).ok_or(NoEnd::Never(Refused::NoOdometry))
+impl Tie {
+    /// This vehicle's pose at its instant, where the measurement is of a whole pose.
+    fn own_pose(&self, neighbour: &Transform<World, Body>) -> Option<Transform<World, Body>> {
+        let Measurement::Pose(pose) = &self.sighting.measurement else {
+            return None;
+        };
+        let from_from_to = pose.relative();
+        let world_from_their_end = *neighbour * self.their_end;
+        let world_from_own_end = match self.direction {
+            Direction::Mine => world_from_their_end * from_from_to.inverse(),
+            Direction::Theirs => world_from_their_end * from_from_to,
+        };
+        Some(world_from_own_end * self.own_end.inverse())
     }
 }
 
 /// Puts a neighbour and all its measurements into a star whose centre is solved at `built.instant_from_solved`.
-fn add(star: &mut Star, spoke: &Spoke<'_>, built: &mut Built) {
-    let their_offset = mean(spoke.ties.iter().map(|tie| tie.their_offset));
-    let instant = spoke.exchange.instant;
-    let instant_from_solved = their_motion(spoke.boot, instant, instant.plus(their_offset))
-        .unwrap_or_else(|_| Transform::identity());
+fn add(star: &mut Star, spoke: &Spoke, built: &mut Built) {
+    let instant_from_solved = spoke.instant_from_solved;
     let index = match star.add_neighbour_with_anchor(
         (spoke.prior * instant_from_solved).reframe(),
         star.mode().anchor(),
@@ -402,33 +220,4 @@ fn add(star: &mut Star, spoke: &Spoke<'_>, built: &mut Built) {
         taken: spoke.taken,
         instant_from_solved,
     });
-}
-
-/// The mean of some spans; nothing of none.
-fn mean(spans: impl Iterator<Item = Span>) -> Span {
-    let (sum, count) = spans.fold((0i64, 0i64), |(sum, count), span| {
-        (sum.saturating_add(span.as_nanos()), count + 1)
-    });
-    Span::from_nanos(sum.checked_div(count).unwrap_or(0))
-}
-
-/// `body@round_from_body@taken` of a neighbour, by its records.
-fn their_motion(
-    boot: &Boot,
-    instant: PeerStamp,
-    taken: PeerStamp,
-) -> Result<Transform<Body, Body>, NoEnd> {
-    if taken.since(instant).abs() <= AT_THE_INSTANT {
-        return Ok(Transform::identity());
-    }
-    let at_round = boot.odometry_at(instant).map_err(no_end)?;
-    let at_taken = boot.odometry_at(taken).map_err(no_end)?;
-    motion(&at_round, &at_taken).ok_or(NoEnd::Never(Refused::NoOdometry))
-}
-
-const fn no_end(gap: Gap) -> NoEnd {
-    match gap {
-        Gap::NotYet => NoEnd::Wait,
-        Gap::Before | Gap::Interrupted => NoEnd::Never(Refused::NoOdometry),
-    }
 }

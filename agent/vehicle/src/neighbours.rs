@@ -215,6 +215,13 @@ impl Neighbour {
         lately(self.measured_at) || lately(self.measured_me_at)
     }
 
+    /// Whether it says that it has a pose that others may use.
+    pub(crate) fn is_located(&self) -> bool {
+        self.current()
+            .and_then(|boot| boot.status)
+            .is_some_and(Status::is_located)
+    }
+
     /// Whether anything of it may be used: a boot that counts, whose clock is known.
     pub(crate) fn usable(&self) -> Option<&Boot> {
         self.current().filter(|boot| boot.clock.is_known())

@@ -1,5 +1,6 @@
 //! What a vehicle wants done: packets sent, documents published, and to be woken.
 
+use crate::checkpoint::Checkpoint;
 use crate::input::PacketKey;
 use skein_estimation::time::Stamp;
 use skein_proto::document::{EstimateDocument, HealthDocument};
@@ -23,6 +24,8 @@ pub enum Output {
     },
     /// The newest health: publish it and keep it for queries.
     Health(Box<HealthDocument>),
+    /// Where the vehicle is, to be kept for a restart. Only a pose that can be told is ever written down.
+    Checkpoint(Checkpoint),
     /// Nothing more to do until this instant, or the next input. Always the last.
     WakeAt(Stamp),
 }

@@ -12,6 +12,8 @@ use skein_proto::limits::NEIGHBOURS_MAX;
 use skein_proto::status::Status;
 use skein_proto::{VERSION_MAJOR, VERSION_MINOR, limits};
 
+use crate::checkpoint::Checkpoint;
+use crate::config::Start;
 use crate::counters::Counters;
 use crate::dead_reckoning::BRIDGE_MAX;
 use crate::output::Output;
@@ -34,14 +36,25 @@ pub(crate) struct RoundCounts {
     pub(crate) corrected_at: Option<Stamp>,
 }
 
+/// A checkpoint's position for people.
+fn place(checkpoint: &Checkpoint) -> String {
+    let [x, y, z]: [f64; 3] = checkpoint.world_from_body.translation.into();
+    format!("({x:.1}, {y:.1}, {z:.1}) m")
+}
+
 impl Vehicle {
     /// The state of the estimate, and when it is not a tracked one, why and what to do.
     pub(crate) fn status(&self, now: Stamp) -> (Status, Option<String>) {
         let Some(newest) = self.reckoning.newest() else {
-            return (Status::Unplaced, Some(self.why_no_odometry()));
+            let status = if self.reckoning.is_resuming() {
+                Status::Resuming
+            } else {
+                Status::Unplaced
+            };
+            return (status, Some(self.why_no_odometry()));
         };
         if self.reckoning.pose_at(newest).is_none() {
-            return self.why_no_pose();
+            return self.why_no_pose(now);
         }
         let age = now - newest.taken;
         if age > BRIDGE_MAX {
@@ -50,6 +63,9 @@ impl Vehicle {
                 age.as_secs_f64()
             );
             return (Status::Lost, Some(why));
+        }
+        if self.reckoning.is_resuming() {
+            return (Status::Resuming, Some(self.why_resuming(now)));
         }
         let corrected = self
             .counts
@@ -83,17 +99,64 @@ impl Vehicle {
         }
     }
 
-    fn why_no_pose(&self) -> (Status, Option<String>) {
+    fn why_no_pose(&self, now: Stamp) -> (Status, Option<String>) {
         if let (true, Some(gap)) = (self.reckoning.was_placed(), self.reckoning.interrupted()) {
             let why = format!(
-                "odometry was interrupted for {:.1} s, longer than can be bridged: a pose fix or a restart with a \
-                 start pose is needed",
-                gap.as_secs_f64()
+                "odometry was interrupted for {:.1} s, longer than can be bridged: {}",
+                gap.as_secs_f64(),
+                self.why_nobody_places(now)
             );
             return (Status::Lost, Some(why));
         }
-        let why = "this vehicle has no pose yet: give it one in [start], or a pose fix";
-        (Status::Unplaced, Some(why.to_owned()))
+        let unused = match self.config.start {
+            Start::Checkpoint(checkpoint) => format!(
+                " (there is a checkpoint at {}, but it is ahead of this computer's clock: of unknown age, it is not used)",
+                place(&checkpoint)
+            ),
+            Start::Pose(_) | Start::Unknown => String::new(),
+        };
+        let why = format!(
+            "this vehicle has no pose yet{unused}: {}",
+            self.why_nobody_places(now)
+        );
+        (Status::Unplaced, Some(why))
+    }
+
+    fn why_resuming(&self, now: Stamp) -> String {
+        let Start::Checkpoint(checkpoint) = self.config.start else {
+            return self.why_nobody_places(now);
+        };
+        format!(
+            "resumed from a checkpoint at {}, {:.1} s old and not confirmed since, so others are not told of it: {}",
+            place(&checkpoint),
+            (now - checkpoint.taken).as_secs_f64(),
+            self.why_nobody_places(now)
+        )
+    }
+
+    /// What stands between this vehicle and a pose, and what to do.
+    fn why_nobody_places(&self, now: Stamp) -> String {
+        let mut present = 0;
+        let mut located = Vec::new();
+        for (name, neighbour) in self.neighbours.present(now, self.config.presence_timeout) {
+            present += 1;
+            if neighbour.is_located() {
+                located.push(name.to_string());
+            }
+        }
+        if present == 0 {
+            "no neighbour is present: give this vehicle a pose ([start], @rpc/set_pose) or a pose fix".to_owned()
+        } else if located.is_empty() {
+            "nobody present is located either: give one vehicle a pose ([start], @rpc/set_pose) or a pose fix; it \
+             places the others"
+                .to_owned()
+        } else {
+            format!(
+                "{} can place it as soon as what is measured between them tells all of its pose: one relative pose \
+                 does, a range or a bearing alone does not",
+                located.join(", ")
+            )
+        }
     }
 
     /// Publishes the estimate if there is anything new to say of it.
@@ -103,7 +166,15 @@ impl Vehicle {
         let pose = newest
             .and_then(|point| self.reckoning.pose_at(&point))
             .filter(|pose| status != Status::Lost && translate::is_sayable(pose));
-        let taken = newest.map_or(now, |point| point.taken);
+        let (pose, taken) = match (pose, self.config.start) {
+            // Before odometry has come there is nothing to compose the checkpoint with: it is shown as it is.
+            (None, Start::Checkpoint(checkpoint))
+                if newest.is_none() && status == Status::Resuming =>
+            {
+                (Some(checkpoint.world_from_body), checkpoint.taken)
+            }
+            (pose, _) => (pose, newest.map_or(now, |point| point.taken)),
+        };
         let velocity = pose.as_ref().and_then(|pose| self.reckoning.velocity(pose));
         let neighbours = self.neighbour_estimates(now, taken, pose.as_ref());
         let document = EstimateDocument {

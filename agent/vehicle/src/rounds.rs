@@ -241,6 +241,12 @@ impl Rounds {
         round.instant + self.wait
     }
 
+    /// When the round at hand is solved at the earliest, though everybody told has answered: a quarter of a period after
+    /// its instant, so that what comes from somebody not told yet, a first contact, still counts.
+    pub(crate) fn earliest(&self, round: &Round) -> Stamp {
+        round.instant + Span::from_nanos(self.period.as_nanos() / 4)
+    }
+
     /// The round at hand is solved, or given up.
     pub(crate) fn close(&mut self, index: i64) {
         self.closed = index;
@@ -254,9 +260,15 @@ impl Rounds {
         } else {
             opening + self.wait
         };
-        self.open
-            .front()
-            .map_or(opening, |round| opening.min(self.deadline(round)))
+        self.open.front().map_or(opening, |round| {
+            let earliest = self.earliest(round);
+            let due = if earliest > now {
+                earliest.min(self.deadline(round))
+            } else {
+                self.deadline(round)
+            };
+            opening.min(due)
+        })
     }
 }
 

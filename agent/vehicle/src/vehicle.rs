@@ -2,23 +2,27 @@
 
 use std::collections::VecDeque;
 
-use skein_estimation::Transform;
 use skein_estimation::cooperative::{Solution, SolveStatus, Star, StarWorkspace};
+use skein_estimation::odometry::OdometryPoint;
 use skein_estimation::time::{Span, Stamp};
+use skein_estimation::{Body, Transform, World};
 use skein_proto::frame::{Frame, RelativeValue};
 use skein_proto::name::Name;
 
-use crate::config::Config;
+use crate::checkpoint::Checkpoint;
+use crate::config::{Config, Start};
 use crate::counters::Counters;
-use crate::dead_reckoning::DeadReckoning;
+use crate::dead_reckoning::{BRIDGE_MAX, DeadReckoning};
+use crate::gathering::Material;
 use crate::hearing::{Heard, Listener};
 use crate::input::{Input, PacketKey};
-use crate::local_star::{Built, Material};
+use crate::local_star::{Built, Centre};
 use crate::neighbours::{Neighbours, Relative};
 use crate::output::Output;
+use crate::placing::{self, Placing};
 use crate::refused::Refused;
 use crate::reporting::RoundCounts;
-use crate::rounds::{Fix, Loss, OPEN_MAX, Round, Rounds};
+use crate::rounds::{Loss, OPEN_MAX, Round, Rounds};
 use crate::sensors::{Reading, Sensors};
 use crate::speaking::{PARTNERS_MAX, Speech};
 use crate::translate;
@@ -38,6 +42,7 @@ pub struct Vehicle {
     pub(crate) reckoning: DeadReckoning,
     pub(crate) neighbours: Neighbours,
     rounds: Rounds,
+    placing: Placing,
     pub(crate) speech: Speech,
     star: Star,
     workspace: StarWorkspace,
@@ -64,9 +69,10 @@ impl Vehicle {
             started: now,
             now,
             sensors: Sensors::new(&config.sensors),
-            reckoning: DeadReckoning::new(config.start),
+            reckoning: DeadReckoning::new(usable(config.start, now)),
             neighbours: Neighbours::default(),
             rounds: Rounds::new(now, config.period, config.round_wait),
+            placing: Placing::default(),
             speech,
             star: Star::new(Transform::identity())
                 .expect("the identity is a pose")
@@ -92,6 +98,7 @@ impl Vehicle {
             Input::Appeared { vehicle, boot } => self.note_token(vehicle, boot, true),
             Input::Vanished { vehicle, boot } => self.note_token(vehicle, boot, false),
             Input::Wake => {}
+            Input::SetPose { world_from_body } => self.set_pose(&world_from_body),
         }
         self.open_rounds(now);
         self.solve_rounds(now);
@@ -269,7 +276,7 @@ impl Vehicle {
         let prior = round
             .odometry
             .as_ref()
-            .and_then(|point| self.reckoning.pose_at(point));
+            .and_then(|point| self.reckoning.placed_at(point));
         let (status, _) = self.status(now);
         let exchange =
             self.speech
@@ -289,68 +296,113 @@ impl Vehicle {
         while let Some(round) = self.rounds.open.pop_front() {
             let deadline_passed =
                 now >= self.rounds.deadline(&round) || self.rounds.open.len() >= OPEN_MAX;
-            self.place(&round);
-            let prior = round
-                .odometry
-                .as_ref()
-                .and_then(|point| self.reckoning.pose_at(point));
-            let material = Material {
-                round: &round,
-                neighbours: &self.neighbours,
-                reckoning: &self.reckoning,
-                body_from_target: self.config.body_from_target,
-                period: self.config.period,
-                deadline_passed,
-            };
-            let built = match prior {
-                Some(prior) => material.build(&mut self.star, prior),
-                None => Ok(material.without_prior()),
-            };
-            // A round with nothing to solve costs nothing while it waits for the next one: a first contact still counts.
-            let idle = |built: &Built| {
-                built.edges() == 0 && self.rounds.open.is_empty() && !deadline_passed
-            };
-            let Some(built) = built.ok().filter(|built| !idle(built)) else {
+            let early = now < self.rounds.earliest(&round) && !deadline_passed;
+            if early || !self.solve_round(now, &round, deadline_passed) {
                 self.rounds.open.push_front(round);
                 return;
-            };
+            }
             self.rounds.close(round.index);
-            self.finish(now, &round, &built);
             self.neighbours.forget_exchanges(round.index);
         }
     }
 
-    /// A pose fix places a vehicle that has no pose.
-    fn place(&mut self, round: &Round) {
-        let unplaced = self
+    /// Solves one round. False when it must wait.
+    fn solve_round(&mut self, now: Stamp, round: &Round, deadline_passed: bool) -> bool {
+        let Some(odometry) = round.odometry else {
+            self.count_refusals(now, &Built::without_odometry(round));
+            return true;
+        };
+        let material = Material {
+            round,
+            neighbours: &self.neighbours,
+            reckoning: &self.reckoning,
+            body_from_target: self.config.body_from_target,
+            period: self.config.period,
+            deadline_passed,
+        };
+        let Ok(gathered) = material.gather() else {
+            return false;
+        };
+        let built = match self.reckoning.placed_at(&odometry) {
+            Some(prior) => {
+                let built = gathered.build(&mut self.star, Centre::Prior(prior));
+                // A round with nothing to solve costs nothing while it waits for the next one: a first contact still
+                // counts.
+                if built.edges() == 0 && self.rounds.open.is_empty() && !deadline_passed {
+                    return false;
+                }
+                self.finish(now, round, &odometry, &built);
+                built
+            }
+            None => {
+                let starts = gathered.starts();
+                let optimiser = &self.config.optimiser;
+                let found = placing::search(
+                    &mut self.star,
+                    &mut self.workspace,
+                    optimiser,
+                    &gathered,
+                    &starts,
+                );
+                match found.pose {
+                    Some(world_from_body) => {
+                        self.place(round, &odometry, world_from_body);
+                        found.built
+                    }
+                    None => found.built.in_vain(&Refused::Unplaced),
+                }
+            }
+        };
+        self.count_refusals(now, &built);
+        true
+    }
+
+    /// A round says where this vehicle is, which has no pose to build on. A second one that agrees makes it the pose.
+    fn place(
+        &mut self,
+        round: &Round,
+        odometry: &OdometryPoint,
+        world_from_body: Transform<World, Body>,
+    ) {
+        let is_present = self
             .reckoning
             .newest()
-            .is_some_and(|point| self.reckoning.pose_at(point).is_none());
-        let (true, Some(odometry)) = (unplaced, round.odometry) else {
-            return;
-        };
-        let is_present = |segment| {
-            self.reckoning
-                .newest()
-                .is_some_and(|point| point.segment == segment)
-        };
-        let placed = round.fixes.iter().find_map(Fix::world_from_body);
-        if let Some(world_from_body) = placed.filter(|_| is_present(odometry.segment)) {
-            self.reckoning.correct(&odometry, world_from_body);
+            .is_some_and(|newest| newest.segment == odometry.segment);
+        if is_present
+            && self
+                .placing
+                .propose(round.instant, odometry, &world_from_body)
+        {
+            self.reckoning.correct(odometry, world_from_body);
+            self.counts.corrected_at = Some(round.instant);
+            self.moved = true;
         }
     }
 
-    /// Solves one round and makes its solution the present correction.
-    fn finish(&mut self, now: Stamp, round: &Round, built: &Built) {
+    /// An operator says where the vehicle is: it holds from now on, whatever was thought before.
+    fn set_pose(&mut self, numbers: &[f64; 6]) {
+        let told = translate::transform(numbers)
+            .ok()
+            .filter(translate::is_sayable);
+        let Some(world_from_body) = told else {
+            self.refused.count("set_pose");
+            return;
+        };
+        self.reckoning.set_pose(world_from_body);
+        self.moved = true;
+    }
+
+    fn count_refusals(&mut self, now: Stamp, built: &Built) {
         for (name, why) in &built.refused {
             self.count_refusal(*name, why);
         }
         for (sensor, why) in &built.fixes_refused {
             self.sensors.count(now, *sensor, 0, &Err(why.clone()));
         }
-        let Some(odometry) = round.odometry else {
-            return;
-        };
+    }
+
+    /// Solves one round and makes its solution the present correction.
+    fn finish(&mut self, now: Stamp, round: &Round, odometry: &OdometryPoint, built: &Built) {
         if built.edges() == 0 {
             self.counts.coasted += 1;
             return;
@@ -370,7 +422,7 @@ impl Vehicle {
             return;
         }
         self.counts.corrected_at = Some(round.instant);
-        self.reckoning.correct(&odometry, world_from_body);
+        self.reckoning.correct(odometry, world_from_body);
         self.moved = true;
         for used in &built.used {
             let Some(neighbour) = self.neighbours.get_mut(used.name) else {
@@ -387,6 +439,18 @@ impl Vehicle {
                 });
             }
         }
+    }
+
+    /// What a restart begins with: the newest pose that may be told.
+    fn checkpoint(&self) -> Option<Checkpoint> {
+        let newest = self.reckoning.newest()?;
+        let world_from_body = self.reckoning.placed_at(newest)?;
+        let lost = self.now - newest.taken > BRIDGE_MAX;
+        (!lost && translate::is_sayable(&world_from_body)).then_some(Checkpoint {
+            boot: self.config.boot,
+            taken: newest.taken,
+            world_from_body,
+        })
     }
 
     fn count_loss(&mut self, now: Stamp, loss: &Loss) {
@@ -420,8 +484,18 @@ impl Vehicle {
                 self.report_estimate(now);
             }
             self.report_health(now);
+            self.outputs
+                .extend(self.checkpoint().map(Output::Checkpoint));
             self.health_at = now + HEALTH_EVERY;
         }
+    }
+}
+
+/// A checkpoint of the future tells nothing of its age, as the clock was set back: it is shown, never used.
+fn usable(start: Start, now: Stamp) -> Start {
+    match start {
+        Start::Checkpoint(checkpoint) if checkpoint.taken > now => Start::Unknown,
+        start => start,
     }
 }
 

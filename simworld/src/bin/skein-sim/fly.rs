@@ -390,6 +390,8 @@ fn start_agents(
                 Clock::scaled(clock.now() + ahead, 1.0)
             },
             log,
+            checkpoint: None,
+            rpc: false,
             faults: Some(FaultSettings {
                 seed: world.streams().seed.wrapping_add(vehicle as u64),
             }),

@@ -176,6 +176,8 @@ fn fly_live(
             network: NetworkSettings::loopback(agents.iter().flat_map(Agent::locators).collect()),
             clock,
             log: None,
+            checkpoint: None,
+            rpc: false,
             faults: None,
         })?;
         if !agent.wait_open(Duration::from_secs(20)) {
