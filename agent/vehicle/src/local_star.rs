@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use skein_estimation::cooperative::{NeighbourIndex, Star};
+use skein_estimation::cooperative::{Contact, NeighbourIndex, Star};
 use skein_estimation::odometry::Gap;
 use skein_estimation::time::{Span, Stamp};
 use skein_estimation::{Body, Sensor, Transform, World};
@@ -142,10 +142,7 @@ impl Material<'_> {
             .own_motion(self.round.instant + own_offset)
             .unwrap_or_else(|_| Transform::identity());
         if star
-            .restart(
-                (prior * built.instant_from_solved).reframe(),
-                star.mode().anchor(),
-            )
+            .restart((prior * built.instant_from_solved).reframe())
             .is_err()
         {
             return Ok(built);
@@ -361,9 +358,9 @@ fn add(star: &mut Star, spoke: &Spoke<'_>, built: &mut Built) {
     let instant = spoke.exchange.instant;
     let instant_from_solved = their_motion(spoke.boot, instant, instant.plus(their_offset))
         .unwrap_or_else(|_| Transform::identity());
-    let index = match star.add_neighbour_with_anchor(
+    let index = match star.add_neighbour(
         (spoke.prior * instant_from_solved).reframe(),
-        star.mode().anchor(),
+        Contact::FRESH,
     ) {
         Ok(index) => index,
         Err(why) => {
