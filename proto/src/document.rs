@@ -162,10 +162,39 @@ pub struct NeighbourHealth {
     pub accepted: BTreeMap<String, u64>,
     /// Measurements of it or by it that went into a solution.
     pub fused: u64,
+    /// By how much the robust kernel is widened for it: 1 in good contact, more after silence. Absent in mode `paper`.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub kernel_widening: Option<f64>,
+    /// The last measurement of it or by it that the kernel rejected.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub last_gated: Option<GatedDocument>,
+    /// It goes on disagreeing while others agree: nothing of it is used until it agrees again.
+    #[serde(skip_serializing_if = "std::ops::Not::not", default)]
+    pub quarantined: bool,
+    /// How often it was put into quarantine.
+    #[serde(skip_serializing_if = "is_zero", default)]
+    pub quarantines: u64,
     /// Packets and measurements refused, by reason.
     pub refused: BTreeMap<String, u64>,
     /// Bytes received, envelopes included.
     pub bytes: u64,
+}
+
+/// How far a rejected measurement was from everything else.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct GatedDocument {
+    /// In radians, when it says something of angles.
+    pub rotation_rad: Option<f64>,
+    /// In metres, when it says something of lengths.
+    pub translation_m: Option<f64>,
+}
+
+#[expect(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "serde passes fields by reference"
+)]
+fn is_zero(count: &u64) -> bool {
+    *count == 0
 }
 
 /// What the process around the estimator counts.

@@ -7,8 +7,7 @@ mod dense;
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use nalgebra::Vector3;
 use skein_estimation::cooperative::{
-    AnchorWeight, Edge, Graph, Measurement, NodeIndex, Noise, Optimiser, Star, StarWorkspace,
-    Weight,
+    Contact, Edge, Graph, Measurement, NodeIndex, Noise, Optimiser, Star, StarWorkspace, Weight,
 };
 use skein_estimation::{Body, Sensor, Transform, World, so3};
 use std::hint::black_box;
@@ -65,10 +64,10 @@ impl Round {
 
     /// Fills a star as a vehicle does in every round.
     fn fill(&self, star: &mut Star) {
-        star.restart(self.own, AnchorWeight::UNIT).unwrap();
+        star.restart(self.own).unwrap();
         let end = Transform::identity();
         for (prior, mine, theirs) in &self.neighbours {
-            let neighbour = star.add_neighbour(*prior).unwrap();
+            let neighbour = star.add_neighbour(*prior, Contact::FRESH).unwrap();
             star.measured_by_me(
                 neighbour,
                 Measurement::pose(*mine).unwrap(),

@@ -4,7 +4,7 @@
 
 use nalgebra::Vector3;
 use skein_estimation::cooperative::{
-    AnchorWeight, Measurement, Noise, Optimiser, SolveStatus, Star, StarWorkspace,
+    Contact, Measurement, Noise, Optimiser, SolveStatus, Star, StarWorkspace,
 };
 use skein_estimation::{Transform, so3};
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -55,14 +55,15 @@ fn round(
     optimiser: &Optimiser,
     neighbours: usize,
 ) -> SolveStatus {
-    star.restart(Transform::identity(), AnchorWeight::UNIT)
-        .unwrap();
+    star.restart(Transform::identity()).unwrap();
     let noise = Noise::UNIT;
     for nth in 0..neighbours {
         let angle = nth as f64;
         let place = Vector3::new(3.0 * angle.cos(), 3.0 * angle.sin(), 0.5 * angle);
         let turn = so3::exp(&Vector3::new(0.1, -0.2, angle));
-        let neighbour = star.add_neighbour(Transform::new(turn, place)).unwrap();
+        let neighbour = star
+            .add_neighbour(Transform::new(turn, place), Contact::FRESH)
+            .unwrap();
         let end = Transform::new(
             so3::exp(&Vector3::new(0.0, 0.0, 0.3)),
             Vector3::new(0.3, 0.0, 0.1),

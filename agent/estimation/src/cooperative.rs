@@ -13,6 +13,10 @@ pub mod optimise;
 
 pub mod mode;
 
+pub mod kernel;
+
+pub mod contact;
+
 pub mod star;
 
 pub mod graph;
@@ -23,10 +27,12 @@ mod block;
 mod refusal;
 
 pub use batch::{BatchSolution, solve};
+pub use contact::Contact;
 pub use edge::{Edge, Weight};
 pub use graph::{Graph, NodeIndex};
+pub use kernel::{Disagreement, Kernel, Scale};
 pub use measurement::{Kind, Measurement, Noise};
-pub use mode::{AnchorWeight, Kernel, Mode, Robust, Weighting};
+pub use mode::{AnchorWeight, Mode, Robust, Weighting};
 pub use optimise::{Degeneracy, Descent, GaussNewton, Optimiser, Progress, SolveStatus};
 pub use refusal::Refusal;
-pub use star::{NeighbourIndex, Solution, Star, StarWorkspace};
+pub use star::{Judgement, NeighbourIndex, Solution, Star, StarWorkspace, Tie, Verdict};

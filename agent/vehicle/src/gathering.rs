@@ -3,6 +3,8 @@
 
 use std::collections::BTreeSet;
 
+use skein_estimation::cooperative::{Contact, Kernel};
+use skein_estimation::odometry::Gap;
 use skein_estimation::time::{Span, Stamp};
 use skein_estimation::{Body, Sensor, Transform, World};
 use skein_proto::measured::Measured;
@@ -14,7 +16,7 @@ use crate::neighbours::{Boot, HeardExchange, Neighbours};
 use crate::refused::Refused;
 use crate::rounds::{ROUNDS_LATE_MAX, Round};
 use crate::translate::{self, Sighting};
-use skein_estimation::odometry::Gap;
+use crate::trust::Trust;
 
 /// A reading so near to an instant is taken for one at it: no odometry is needed, and a clock offset's jitter moves
 /// nothing (at 10 m/s by 2 mm).
@@ -30,6 +32,12 @@ pub(crate) struct Material<'a> {
     /// Where others' sensors see this vehicle.
     pub(crate) body_from_target: Transform<Body, Sensor>,
     pub(crate) period: Span,
+    /// The kernel of the mode, if it has one.
+    pub(crate) kernel: Option<Kernel>,
+    /// Since when this vehicle has a pose.
+    pub(crate) placed_since: Stamp,
+    /// The trust in its fixes.
+    pub(crate) fix_trust: Trust,
     /// Whether what is missing will no longer be waited for.
     pub(crate) deadline_passed: bool,
 }
@@ -42,6 +50,8 @@ pub(crate) struct Gathered<'a> {
     pub(crate) refused: Vec<(Name, Refused)>,
     /// `body@instant_from_body@solved` of this vehicle: the star is solved at the mean time of its readings.
     pub(crate) instant_from_solved: Transform<Body, Body>,
+    /// What fixes are judged by.
+    pub(crate) fix_contact: Contact,
 }
 
 /// Why a round is not gathered now.
@@ -64,6 +74,10 @@ pub(crate) struct Spoke {
     pub(crate) taken: Stamp,
     pub(crate) prior: Transform<World, Body>,
     pub(crate) ties: Vec<Tie>,
+    /// What its measurements are judged by.
+    pub(crate) contact: Contact,
+    /// Its measurements are judged, but not used.
+    pub(crate) quarantined: bool,
 }
 
 /// A measurement with both its ends, each in the body frame of that vehicle's instant, and when it was taken after
@@ -104,7 +118,14 @@ impl<'a> Material<'a> {
             spokes,
             refused,
             instant_from_solved,
+            fix_contact: self.contact(&self.fix_trust),
         })
+    }
+
+    fn contact(&self, trust: &Trust) -> Contact {
+        let (instant, since) = (self.round.instant, self.placed_since);
+        let contact = |kernel| trust.contact(instant, self.period, since, &kernel);
+        self.kernel.map_or(Contact::FRESH, contact)
     }
 
     /// Everybody whom this vehicle measured in the round, or who was heard in it.
@@ -159,11 +180,9 @@ impl<'a> Material<'a> {
         let mut refuse = |why: Refused, times: usize| {
             refused.extend(std::iter::repeat_n((name, why), times));
         };
-        let Some(boot) = self
-            .neighbours
-            .get(name)
-            .and_then(|neighbour| neighbour.usable())
-        else {
+        let neighbour = self.neighbours.get(name);
+        let usable = neighbour.and_then(|neighbour| Some((neighbour, neighbour.usable()?)));
+        let Some((neighbour, boot)) = usable else {
             refuse(Refused::ClockUnknown, mine.len());
             return Ok(None);
         };
@@ -203,6 +222,8 @@ impl<'a> Material<'a> {
             taken,
             prior,
             ties,
+            contact: self.contact(&neighbour.trust),
+            quarantined: neighbour.trust.is_quarantined(),
         }))
     }
 

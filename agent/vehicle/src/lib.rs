@@ -51,6 +51,7 @@ mod rounds;
 mod sensors;
 mod speaking;
 mod translate;
+mod trust;
 
 pub use checkpoint::{Checkpoint, CheckpointError};
 pub use config::{Config, SensorConfig, Start};

@@ -2,16 +2,20 @@
 //! neighbour's pose at *its* instant nearest to mine, and what either measured of the other.
 
 use nalgebra::{UnitQuaternion, Vector3};
-use skein_estimation::cooperative::{AnchorWeight, Measurement, NeighbourIndex, Star};
+use skein_estimation::cooperative::{
+    Contact, Disagreement, Edge, Judgement, Kernel, Measurement, NeighbourIndex, Star,
+    StarWorkspace, Tie, Weight,
+};
 use skein_estimation::time::Stamp;
 use skein_estimation::{Body, Transform, World};
 use skein_proto::name::Name;
 
-use crate::gathering::{Direction, Gathered, Spoke, Tie};
+use crate::gathering::{self, Direction, Gathered, Spoke};
 use crate::placing::agree;
 use crate::refused::Refused;
 use crate::rounds::{Fix, Round};
 use crate::translate::{self, Sighting};
+use crate::trust::Outcome;
 
 /// Headings that are tried for a vehicle of which nobody measured the whole pose.
 const HEADINGS: usize = 8;
@@ -22,7 +26,8 @@ pub(crate) struct Built {
     pub(crate) used: Vec<Used>,
     /// Measurements that were not used, and of or by whom they are.
     pub(crate) refused: Vec<(Name, Refused)>,
-    pub(crate) fixes: usize,
+    /// Of which sensors the fixes are, in the order of the star.
+    pub(crate) fixes: Vec<Name>,
     /// Fixes that were not used, and of which sensor they are.
     pub(crate) fixes_refused: Vec<(Name, Refused)>,
     /// As in [`Gathered`].
@@ -42,18 +47,18 @@ pub(crate) struct Used {
 }
 
 impl Built {
-    fn nothing() -> Self {
+    pub(crate) fn nothing() -> Self {
         Self {
             used: Vec::new(),
             refused: Vec::new(),
-            fixes: 0,
+            fixes: Vec::new(),
             fixes_refused: Vec::new(),
             instant_from_solved: Transform::identity(),
         }
     }
 
     pub(crate) fn edges(&self) -> u64 {
-        self.used.iter().map(|used| used.edges).sum::<u64>() + self.fixes as u64
+        self.used.iter().map(|used| used.edges).sum::<u64>() + self.fixes.len() as u64
     }
 
     /// What becomes of a round without odometry at its instant: nothing of it can be used.
@@ -73,7 +78,7 @@ impl Built {
             self.refused
                 .extend((0..used.edges).map(|_| (used.name, why.clone())));
         }
-        self.fixes = 0;
+        self.fixes.clear();
         self
     }
 }
@@ -83,8 +88,13 @@ impl Built {
 pub(crate) enum Centre {
     /// At its prior, which counts.
     Prior(Transform<World, Body>),
-    /// Anywhere: the search begins here, and only measurements count.
-    Free(Transform<World, Body>),
+    /// Anywhere: only measurements count.
+    Free {
+        /// Where the search begins.
+        start: Transform<World, Body>,
+        /// What measurements are judged by: how good the start is.
+        contact: Contact,
+    },
 }
 
 impl Gathered<'_> {
@@ -99,17 +109,22 @@ impl Gathered<'_> {
             instant_from_solved: self.instant_from_solved,
             ..Built::nothing()
         };
-        let (pose, weight) = match centre {
-            Centre::Prior(prior) => (prior, star.mode().anchor()),
-            Centre::Free(start) => (start, AnchorWeight::NONE),
+        let solved = |pose: Transform<World, Body>| (pose * built.instant_from_solved).reframe();
+        let restarted = match centre {
+            Centre::Prior(prior) => star.restart(solved(prior)),
+            Centre::Free { start, .. } => star.restart_unanchored(solved(start)),
         };
-        let pose = pose * built.instant_from_solved;
-        if star.restart(pose.reframe(), weight).is_err() {
+        if restarted.is_err() {
             return built;
         }
-        for spoke in &self.spokes {
-            add(star, spoke, &mut built);
+        for spoke in self.spokes.iter().filter(|spoke| !spoke.quarantined) {
+            let contact = match centre {
+                Centre::Prior(_) => spoke.contact,
+                Centre::Free { contact, .. } => contact,
+            };
+            add(star, spoke, contact, &mut built);
         }
+        star.set_fix_contact(self.fix_contact);
         let solved_from_instant = built.instant_from_solved.inverse();
         for fix in &self.round.fixes {
             let end = solved_from_instant * fix.body_from_sensor;
@@ -118,7 +133,7 @@ impl Gathered<'_> {
                 Ok(star.fix(fixed.measurement, fixed.noise, end)?)
             });
             match added {
-                Ok(()) => built.fixes += 1,
+                Ok(()) => built.fixes.push(fix.sensor),
                 Err(why) => built.fixes_refused.push((fix.sensor, why)),
             }
         }
@@ -126,8 +141,10 @@ impl Gathered<'_> {
     }
 
     /// Where a vehicle without a pose may be at the round's instant. Each measured pose says it outright, and the one
-    /// that most others agree with is the start; without any, a few headings amid the neighbours are.
-    pub(crate) fn starts(&self) -> Vec<Transform<World, Body>> {
+    /// that most others agree with is the start; without any, a few headings amid the neighbours are, which may be far
+    /// off.
+    pub(crate) fn starts(&self) -> Vec<Centre> {
+        let start = |contact| move |start| Centre::Free { start, contact };
         let by_neighbours = self.spokes.iter().flat_map(|spoke| {
             spoke
                 .ties
@@ -140,7 +157,7 @@ impl Gathered<'_> {
             |pose: &&Transform<World, Body>| told.iter().filter(|other| agree(pose, other)).count();
         // The first of the best: deterministic.
         if let Some(best) = told.iter().rev().max_by_key(agreeing) {
-            return vec![*best];
+            return vec![start(Contact::FRESH)(*best)];
         }
         let places = self.spokes.iter().map(|spoke| spoke.prior.translation);
         let count = self.spokes.len();
@@ -156,11 +173,116 @@ impl Gathered<'_> {
                     amid,
                 )
             })
+            .map(start(Contact::LOST))
             .collect()
     }
 }
 
-impl Tie {
+/// What a solved round says of one neighbour, or of the fixes.
+#[derive(Clone, Debug)]
+pub(crate) struct Judged {
+    /// None for the fixes.
+    pub(crate) neighbour: Option<Name>,
+    /// What it was judged by.
+    pub(crate) contact: Contact,
+    pub(crate) outcome: Outcome,
+    /// Measurements that were rejected; of a neighbour in quarantine, all.
+    pub(crate) gated: u64,
+    /// Fixes that were rejected, by their sensors.
+    pub(crate) gated_fixes: Vec<Name>,
+}
+
+impl Judged {
+    const fn new(neighbour: Option<Name>, contact: Contact) -> Self {
+        Self {
+            neighbour,
+            contact,
+            outcome: Outcome::Unclear,
+            gated: 0,
+            gated_fixes: Vec::new(),
+        }
+    }
+
+    /// One measurement more: one that agrees is contact, and only when all disagree does the neighbour.
+    fn add(&mut self, judgement: Judgement, disagreement: Disagreement, first: bool) {
+        self.gated += u64::from(judgement == Judgement::Rejected);
+        self.outcome = match (judgement, self.outcome) {
+            (Judgement::Accepted, _) | (_, Outcome::Agreed) => Outcome::Agreed,
+            (Judgement::Rejected, Outcome::Disagreed(_)) => self.outcome,
+            (Judgement::Rejected, Outcome::Unclear) if first => Outcome::Disagreed(disagreement),
+            _ => Outcome::Unclear,
+        };
+    }
+}
+
+impl Gathered<'_> {
+    /// Judges everything that was measured by the solution in `workspace`, of the star that was `built`: what went into
+    /// it, and what neighbours in quarantine would have said.
+    pub(crate) fn judge(
+        &self,
+        star: &Star,
+        workspace: &StarWorkspace,
+        built: &Built,
+        world_from_body: &Transform<World, Body>,
+        kernel: &Kernel,
+    ) -> Vec<Judged> {
+        let contact_of = |name| {
+            let spoke = self.spokes.iter().find(|spoke| spoke.name == name);
+            spoke.map_or(Contact::FRESH, |spoke| spoke.contact)
+        };
+        let mut judged: Vec<Judged> = built
+            .used
+            .iter()
+            .map(|used| Judged::new(Some(used.name), contact_of(used.name)))
+            .collect();
+        judged.push(Judged::new(None, self.fix_contact));
+        let mut counted = vec![0; judged.len()];
+        for verdict in star.verdicts(workspace) {
+            let at = match verdict.tie {
+                Tie::MeasuredByMe(j) | Tie::MeasuredByNeighbour(j) => {
+                    built.used.iter().position(|used| used.index == j)
+                }
+                Tie::Fix => Some(judged.len() - 1),
+            };
+            let Some(at) = at else { continue };
+            let judgement = verdict.judgement();
+            if let (Tie::Fix, Judgement::Rejected) = (verdict.tie, judgement) {
+                judged[at].gated_fixes.push(built.fixes[counted[at]]);
+            }
+            judged[at].add(judgement, verdict.disagreement, counted[at] == 0);
+            counted[at] += 1;
+        }
+        let quarantined = self.spokes.iter().filter(|spoke| spoke.quarantined);
+        judged.extend(quarantined.map(|spoke| spoke.judge(world_from_body, kernel)));
+        judged
+    }
+}
+
+impl Spoke {
+    /// What a neighbour in quarantine would have said, were this vehicle at `own`.
+    fn judge(&self, own: &Transform<World, Body>, kernel: &Kernel) -> Judged {
+        let mut judged = Judged::new(Some(self.name), self.contact);
+        for (nth, tie) in self.ties.iter().enumerate() {
+            let (from, to) = match tie.direction {
+                Direction::Mine => ((own, tie.own_end), (&self.prior, tie.their_end)),
+                Direction::Theirs => ((&self.prior, tie.their_end), (own, tie.own_end)),
+            };
+            let Sighting {
+                measurement, noise, ..
+            } = tie.sighting;
+            let Ok(edge) = Edge::with_offsets(measurement, Weight::Unit, from.1, to.1) else {
+                continue;
+            };
+            let disagreement = edge.disagreement(&from.0.reframe(), &to.0.reframe());
+            let scale = kernel.scale(self.contact, noise.rotation_rad, noise.translation);
+            judged.add(scale.judge(&disagreement), disagreement, nth == 0);
+        }
+        judged.gated = self.ties.len() as u64;
+        judged
+    }
+}
+
+impl gathering::Tie {
     /// This vehicle's pose at its instant, where the measurement is of a whole pose.
     fn own_pose(&self, neighbour: &Transform<World, Body>) -> Option<Transform<World, Body>> {
         let Measurement::Pose(pose) = &self.sighting.measurement else {
@@ -177,12 +299,9 @@ impl Tie {
 }
 
 /// Puts a neighbour and all its measurements into a star whose centre is solved at `built.instant_from_solved`.
-fn add(star: &mut Star, spoke: &Spoke, built: &mut Built) {
+fn add(star: &mut Star, spoke: &Spoke, contact: Contact, built: &mut Built) {
     let instant_from_solved = spoke.instant_from_solved;
-    let index = match star.add_neighbour_with_anchor(
-        (spoke.prior * instant_from_solved).reframe(),
-        star.mode().anchor(),
-    ) {
+    let index = match star.add_neighbour((spoke.prior * instant_from_solved).reframe(), contact) {
         Ok(index) => index,
         Err(why) => {
             let why = Refused::from(why);

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use skein_estimation::odometry::{Gap, OdometryPoint, Track};
 use skein_estimation::time::{Span, Stamp};
 use skein_estimation::{Body, Sensor, Transform, World};
-use skein_proto::document::NeighbourHealth;
+use skein_proto::document::{GatedDocument, NeighbourHealth};
 use skein_proto::exchange::Echo;
 use skein_proto::keys::boot_text;
 use skein_proto::measured::Measured;
@@ -14,6 +14,7 @@ use skein_proto::status::Status;
 
 use crate::clock::{PeerClock, PeerStamp};
 use crate::counters::{Counters, Rate};
+use crate::trust::Trust;
 
 /// Vehicles known at most; the ones beyond are counted and ignored.
 pub(crate) const NEIGHBOURS_MAX: usize = 64;
@@ -43,6 +44,8 @@ pub(crate) struct Neighbour {
     pub(crate) spoken_to_at: Option<Stamp>,
     /// Where it was at the last solved round.
     pub(crate) relative: Option<Relative>,
+    /// How far what is measured between the two of us is trusted.
+    pub(crate) trust: Trust,
 }
 
 /// What was counted of one neighbour.
@@ -52,6 +55,7 @@ pub(crate) struct Counts {
     pub(crate) accepted: Counters,
     pub(crate) refused: Counters,
     pub(crate) fused: u64,
+    pub(crate) quarantines: u64,
     pub(crate) bytes: u64,
 }
 
@@ -132,6 +136,13 @@ impl Neighbours {
     ) -> impl Iterator<Item = (Name, &Neighbour)> {
         self.iter()
             .filter(move |(_, neighbour)| neighbour.is_present(now, timeout))
+    }
+
+    /// Everybody is judged as if nothing had been measured yet.
+    pub(crate) fn forget_trust(&mut self) {
+        for neighbour in self.vehicles.values_mut() {
+            neighbour.trust = Trust::default();
+        }
     }
 
     /// Forgets exchanges of rounds up to `solved`.
@@ -257,6 +268,13 @@ impl Neighbour {
                 .map(Span::as_secs_f64),
             accepted: self.counts.accepted.to_document(),
             fused: self.counts.fused,
+            kernel_widening: None,
+            last_gated: self.trust.last_rejected.map(|apart| GatedDocument {
+                rotation_rad: apart.rotation_rad,
+                translation_m: apart.translation_m,
+            }),
+            quarantined: self.trust.is_quarantined(),
+            quarantines: self.counts.quarantines,
             refused: self.counts.refused.to_document(),
             bytes: self.counts.bytes,
         }

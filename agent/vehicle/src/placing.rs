@@ -83,12 +83,15 @@ pub(crate) fn search(
     workspace: &mut StarWorkspace,
     optimiser: &Optimiser,
     gathered: &Gathered<'_>,
-    starts: &[Transform<World, Body>],
+    starts: &[Centre],
 ) -> Found {
-    let mut built = gathered.build(star, Centre::Free(Transform::identity()));
+    let mut built = Built {
+        refused: gathered.refused.clone(),
+        ..Built::nothing()
+    };
     let mut answers: Vec<(f64, Transform<World, Body>)> = Vec::new();
     for start in starts {
-        built = gathered.build(star, Centre::Free(*start));
+        built = gathered.build(star, *start);
         let solution = star.solve(workspace, optimiser);
         let settled = solution.status == SolveStatus::Converged && solution.unobservable == 0;
         let world_from_body =

@@ -40,6 +40,10 @@ pub(crate) enum Refused {
     NoPipeline,
     /// A bound was reached.
     Full,
+    /// The robust kernel found that it disagrees with everything else. Its size is in the health of the neighbour.
+    Gated,
+    /// Its neighbour is in quarantine.
+    Quarantined,
     /// The estimator refused it.
     Unusable(Refusal),
 }
@@ -65,6 +69,8 @@ impl Refused {
             Self::Overlap => "overlap",
             Self::NoPipeline => "no_pipeline",
             Self::Full => "full",
+            Self::Gated => "gated",
+            Self::Quarantined => "quarantined",
             Self::Unusable(Refusal::Contradicts { .. }) => "contradicts",
             Self::Unusable(Refusal::Full { .. }) => "full",
             Self::Unusable(_) => "unusable",

@@ -282,10 +282,15 @@ impl Vehicle {
                 .neighbours
                 .iter()
                 .map(|(name, neighbour)| {
-                    (
-                        name.to_string(),
-                        neighbour.to_document(now, period, timeout),
-                    )
+                    let mut document = neighbour.to_document(now, period, timeout);
+                    document.kernel_widening = self.config.mode.kernel().map(|kernel| {
+                        let contact =
+                            neighbour
+                                .trust
+                                .contact(now, period, self.placed_since, &kernel);
+                        contact.factor()
+                    });
+                    (name.to_string(), document)
                 })
                 .collect(),
             refused: self.refused.to_document(),

@@ -16,7 +16,7 @@ use crate::dead_reckoning::{BRIDGE_MAX, DeadReckoning};
 use crate::gathering::Material;
 use crate::hearing::{Heard, Listener};
 use crate::input::{Input, PacketKey};
-use crate::local_star::{Built, Centre};
+use crate::local_star::{Built, Centre, Judged};
 use crate::neighbours::{Neighbours, Relative};
 use crate::output::Output;
 use crate::placing::{self, Placing};
@@ -26,6 +26,7 @@ use crate::rounds::{Loss, OPEN_MAX, Round, Rounds};
 use crate::sensors::{Reading, Sensors};
 use crate::speaking::{PARTNERS_MAX, Speech};
 use crate::translate;
+use crate::trust::{Outcome, Trust};
 
 /// How often the health is published.
 const HEALTH_EVERY: Span = Span::secs(1);
@@ -43,6 +44,9 @@ pub struct Vehicle {
     pub(crate) neighbours: Neighbours,
     rounds: Rounds,
     placing: Placing,
+    /// Since when it has a pose.
+    pub(crate) placed_since: Stamp,
+    fix_trust: Trust,
     pub(crate) speech: Speech,
     star: Star,
     workspace: StarWorkspace,
@@ -73,6 +77,8 @@ impl Vehicle {
             neighbours: Neighbours::default(),
             rounds: Rounds::new(now, config.period, config.round_wait),
             placing: Placing::default(),
+            placed_since: now,
+            fix_trust: Trust::default(),
             speech,
             star: Star::new(Transform::identity())
                 .expect("the identity is a pose")
@@ -318,6 +324,9 @@ impl Vehicle {
             reckoning: &self.reckoning,
             body_from_target: self.config.body_from_target,
             period: self.config.period,
+            kernel: self.config.mode.kernel(),
+            placed_since: self.placed_since,
+            fix_trust: self.fix_trust,
             deadline_passed,
         };
         let Ok(gathered) = material.gather() else {
@@ -331,7 +340,29 @@ impl Vehicle {
                 if built.edges() == 0 && self.rounds.open.is_empty() && !deadline_passed {
                     return false;
                 }
-                self.finish(now, round, &odometry, &built);
+                if built.edges() == 0 {
+                    self.counts.coasted += 1;
+                } else {
+                    let solution = self.star.solve(&mut self.workspace, &self.config.optimiser);
+                    let world_from_body =
+                        solution.world_from_body.reframe() * built.instant_from_solved.inverse();
+                    let judged = match self.config.mode.kernel() {
+                        None => Vec::new(),
+                        Some(kernel) => gathered.judge(
+                            &self.star,
+                            &self.workspace,
+                            &built,
+                            &world_from_body,
+                            &kernel,
+                        ),
+                    };
+                    self.finish(now, round, &odometry, &built, &solution, world_from_body);
+                    self.judge(now, round, &judged);
+                    let agreed = |judged: &Judged| judged.outcome == Outcome::Agreed;
+                    if judged.is_empty() || judged.iter().any(agreed) {
+                        self.counts.corrected_at = Some(round.instant);
+                    }
+                }
                 built
             }
             None => {
@@ -375,8 +406,16 @@ impl Vehicle {
         {
             self.reckoning.correct(odometry, world_from_body);
             self.counts.corrected_at = Some(round.instant);
-            self.moved = true;
+            self.begin_anew(round.instant);
         }
+    }
+
+    /// The vehicle has a new pose from `since` on: how far it was in agreement with others before tells nothing.
+    fn begin_anew(&mut self, since: Stamp) {
+        self.moved = true;
+        self.placed_since = since;
+        self.fix_trust = Trust::default();
+        self.neighbours.forget_trust();
     }
 
     /// An operator says where the vehicle is: it holds from now on, whatever was thought before.
@@ -389,7 +428,7 @@ impl Vehicle {
             return;
         };
         self.reckoning.set_pose(world_from_body);
-        self.moved = true;
+        self.begin_anew(self.now);
     }
 
     fn count_refusals(&mut self, now: Stamp, built: &Built) {
@@ -401,27 +440,27 @@ impl Vehicle {
         }
     }
 
-    /// Solves one round and makes its solution the present correction.
-    fn finish(&mut self, now: Stamp, round: &Round, odometry: &OdometryPoint, built: &Built) {
-        if built.edges() == 0 {
-            self.counts.coasted += 1;
-            return;
-        }
+    /// Makes the solution of a round the present correction.
+    fn finish(
+        &mut self,
+        now: Stamp,
+        round: &Round,
+        odometry: &OdometryPoint,
+        built: &Built,
+        solution: &Solution,
+        world_from_body: Transform<World, Body>,
+    ) {
         self.counts.last_latency = Some(now - round.instant);
         self.counts.last_edges = built.edges();
-        let solution = self.star.solve(&mut self.workspace, &self.config.optimiser);
         self.counts.solved += 1;
         self.counts.troubled.add(
-            trouble(&solution),
+            trouble(solution),
             u64::from(solution.status != SolveStatus::Converged),
         );
-        let world_from_body =
-            solution.world_from_body.reframe() * built.instant_from_solved.inverse();
         if solution.status == SolveStatus::NotFinite || !translate::is_sayable(&world_from_body) {
             self.counts.troubled.count("thrown_away");
             return;
         }
-        self.counts.corrected_at = Some(round.instant);
         self.reckoning.correct(odometry, world_from_body);
         self.moved = true;
         for used in &built.used {
@@ -451,6 +490,55 @@ impl Vehicle {
             taken: newest.taken,
             world_from_body,
         })
+    }
+
+    /// Takes what a round said of each neighbour and of the fixes: contact narrows, silence and disagreement do not, and
+    /// whoever goes on disagreeing while others agree is put into quarantine.
+    fn judge(&mut self, now: Stamp, round: &Round, judged: &[Judged]) {
+        let Some(kernel) = self.config.mode.kernel() else {
+            return;
+        };
+        let instant = round.instant;
+        for judged in judged {
+            let Some(name) = judged.neighbour else {
+                self.fix_trust
+                    .judge(instant, judged.contact, judged.outcome, &kernel);
+                for sensor in &judged.gated_fixes {
+                    self.sensors.count(now, *sensor, 0, &Err(Refused::Gated));
+                }
+                continue;
+            };
+            let Some(neighbour) = self.neighbours.get_mut(name) else {
+                continue;
+            };
+            if neighbour.trust.is_quarantined() {
+                let why = Refused::Quarantined.word();
+                neighbour.counts.refused.add(why, judged.gated);
+            } else {
+                let why = Refused::Gated.word();
+                neighbour.counts.refused.add(why, judged.gated);
+                neighbour.counts.fused = neighbour.counts.fused.saturating_sub(judged.gated);
+            }
+            neighbour
+                .trust
+                .judge(instant, judged.contact, judged.outcome, &kernel);
+        }
+        let (mut good, mut doubted) = (0, 0);
+        for (_, neighbour) in self.neighbours.iter() {
+            good += usize::from(neighbour.trust.is_good(now));
+            doubted += usize::from(neighbour.trust.is_doubted());
+        }
+        let names: Vec<Name> = judged
+            .iter()
+            .filter_map(|judged| judged.neighbour)
+            .collect();
+        for name in names {
+            if let Some(neighbour) = self.neighbours.get_mut(name)
+                && neighbour.trust.quarantine(instant, good, doubted)
+            {
+                neighbour.counts.quarantines += 1;
+            }
+        }
     }
 
     fn count_loss(&mut self, now: Stamp, loss: &Loss) {

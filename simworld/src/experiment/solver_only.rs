@@ -6,7 +6,9 @@ use crate::stage::Stage;
 use crate::truth::Pose;
 use crate::world::{World, from_transform, transform};
 use nalgebra::Vector3;
-use skein_estimation::cooperative::{Measurement, Noise, Optimiser, Refusal, Star, StarWorkspace};
+use skein_estimation::cooperative::{
+    Contact, Measurement, Noise, Optimiser, Refusal, Star, StarWorkspace,
+};
 use skein_estimation::{Body, Sensor, Transform, World as WorldFrame, so3};
 use skein_proto::frame::{Frame, RelativeValue};
 
@@ -66,16 +68,13 @@ pub fn fly(world: &mut World, optimiser: &Optimiser) -> Result<Vec<Vec<Pose>>, N
         // Simultaneous: everybody solves from the priors of this round (estimation from the paper's section IV).
         let priors = estimates.clone();
         for me in 0..team {
-            star.restart(
-                priors[me].reframe(),
-                skein_estimation::cooperative::AnchorWeight::UNIT,
-            )?;
+            star.restart(priors[me].reframe())?;
             for other in 0..team {
                 let (mine, theirs) = (measured[me][other], measured[other][me]);
                 if mine.is_none() && theirs.is_none() {
                     continue;
                 }
-                let neighbour = star.add_neighbour(priors[other].reframe())?;
+                let neighbour = star.add_neighbour(priors[other].reframe(), Contact::FRESH)?;
                 let end = Transform::identity();
                 if let Some((measurement, noise)) = mine {
                     star.measured_by_me(neighbour, measurement, noise, mounts[me], end)?;

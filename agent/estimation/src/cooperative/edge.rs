@@ -6,6 +6,7 @@
 
 use nalgebra::{Matrix3, Matrix6, SMatrix, UnitQuaternion, Vector3, Vector6};
 
+use super::kernel::{Disagreement, Scale, Shares};
 use super::measurement::{
     COINCIDENT_BELOW_M, End, Gradient, Jacobian, Kind, Measurement, Noise, Orientation, Position,
 };
@@ -176,6 +177,58 @@ impl Edge {
         }
     }
 
+    /// The lengths of the residual's parts, before any weight. A bearing's is an angle when it is weighted by its noise
+    /// and a length (times the present distance) when it counts one.
+    #[must_use]
+    pub fn disagreement(&self, from: &Node, to: &Node) -> Disagreement {
+        let (from, to) = (self.from_offset.end(from), self.to_offset.end(to));
+        let (rotation_rad, translation_m) = match &self.measurement {
+            Measurement::Pose(pose) => (
+                Some(pose.orientation().residual(&from, &to).norm()),
+                Some(pose.position().residual(&from, &to).norm()),
+            ),
+            Measurement::Orientation(orientation) => {
+                (Some(orientation.residual(&from, &to).norm()), None)
+            }
+            Measurement::Position(position) => (None, Some(position.residual(&from, &to).norm())),
+            Measurement::Bearing(bearing) if matches!(self.weight, Weight::Unit) => {
+                (None, Some(bearing.residual(&from, &to).norm()))
+            }
+            Measurement::Bearing(bearing) => {
+                (Some(bearing.residual_on_sphere(&from, &to).norm()), None)
+            }
+            Measurement::Distance(distance) => (None, Some(distance.residual(&from, &to).abs())),
+        };
+        Disagreement {
+            rotation_rad,
+            translation_m,
+        }
+    }
+
+    /// What the kernel of `scale` leaves of [`Edge::cost`], and of each of its parts in the normal equations.
+    pub(super) fn robust_cost(&self, scale: &Scale, from: &Node, to: &Node) -> (f64, Shares) {
+        let disagreement = self.disagreement(from, to);
+        let (rotation, translation) = scale.costs(&disagreement);
+        let cost =
+            self.weight.of_rotation() * rotation + self.weight.of_translation() * translation;
+        (cost, scale.shares(&disagreement))
+    }
+
+    /// The standard deviations, in rad and m, of the residual at the given nodes by the measurement's own noise.
+    pub(super) fn residual_noise(&self, noise: &Noise, from: &Node, to: &Node) -> (f64, f64) {
+        match self.measurement.kind() {
+            Kind::Pose => (noise.rotation_rad, noise.translation),
+            Kind::Orientation => (noise.rotation_rad, 0.0),
+            Kind::Position | Kind::Distance => (0.0, noise.translation),
+            Kind::Bearing if matches!(self.weight, Weight::Unit) => {
+                let (from, to) = (self.from_offset.end(from), self.to_offset.end(to));
+                let range_m = (to.translation - from.translation).norm();
+                (0.0, range_m * noise.rotation_rad)
+            }
+            Kind::Bearing => (noise.rotation_rad, 0.0),
+        }
+    }
+
     /// The gradient of [`Edge::cost`] in the perturbations of the two nodes.
     #[must_use]
     pub fn gradient(&self, from: &Node, to: &Node) -> Gradient {
@@ -236,6 +289,21 @@ impl Edge {
         to_node: &Node,
         normal: &mut Sums<'_>,
     ) -> f64 {
+        self.add_linearised_shares(from_node, to_node, Shares::WHOLE, normal)
+    }
+
+    /// As [`Edge::add_linearised`], of each part only that share (iteratively reweighted least squares).
+    pub(super) fn add_linearised_shares(
+        &self,
+        from_node: &Node,
+        to_node: &Node,
+        shares: Shares,
+        normal: &mut Sums<'_>,
+    ) -> f64 {
+        let (rotation, translation) = (
+            shares.rotation * self.weight.of_rotation(),
+            shares.translation * self.weight.of_translation(),
+        );
         let relative = from_node.rotation.inverse() * to_node.rotation;
         let from_from_to = relative.to_rotation_matrix().into_inner();
         match (&self.weight, &self.measurement) {
@@ -248,15 +316,15 @@ impl Edge {
                 normal.add_information(information, &residual, &by_from, &by_to);
                 residual.dot(&(information * residual))
             }
-            (weight, Measurement::Pose(pose)) => {
+            (_, Measurement::Pose(pose)) => {
                 self.add_turn(
-                    weight.of_rotation(),
+                    rotation,
                     pose.orientation(),
                     &relative,
                     &from_from_to,
                     normal,
                 ) + self.add_shift(
-                    weight.of_translation(),
+                    translation,
                     pose.position(),
                     from_node,
                     to_node,
@@ -264,15 +332,11 @@ impl Edge {
                     normal,
                 )
             }
-            (weight, Measurement::Orientation(orientation)) => self.add_turn(
-                weight.of_rotation(),
-                orientation,
-                &relative,
-                &from_from_to,
-                normal,
-            ),
-            (weight, Measurement::Position(position)) => self.add_shift(
-                weight.of_translation(),
+            (_, Measurement::Orientation(orientation)) => {
+                self.add_turn(rotation, orientation, &relative, &from_from_to, normal)
+            }
+            (_, Measurement::Position(position)) => self.add_shift(
+                translation,
                 position,
                 from_node,
                 to_node,
@@ -281,19 +345,20 @@ impl Edge {
             ),
             (weight, Measurement::Bearing(bearing)) => {
                 let (from, to) = (self.from_offset.end(from_node), self.to_offset.end(to_node));
-                let (residual, by_turn, by_delta) = match weight {
-                    Weight::Unit => bearing.linearised(&from, &to),
+                // In metres with weight one, on the sphere otherwise: the paper's weight of one is no angle's.
+                let ((residual, by_turn, by_delta), weight) = match weight {
+                    Weight::Unit => (bearing.linearised(&from, &to), translation),
                     Weight::Noise(_) | Weight::Information(_) => {
-                        bearing.linearised_on_sphere(&from, &to)
+                        (bearing.linearised_on_sphere(&from, &to), rotation)
                     }
                 };
                 normal.add_difference(
-                    weight.of_rotation(),
+                    weight,
                     &residual,
                     &self.shifted(from_node, to_node, by_turn, by_delta),
                 )
             }
-            (weight, Measurement::Distance(distance)) => {
+            (_, Measurement::Distance(distance)) => {
                 let (from, to) = (self.from_offset.end(from_node), self.to_offset.end(to_node));
                 let (residual, u) = distance.linearised(&from, &to);
                 let shift = self.shifted(
@@ -302,11 +367,7 @@ impl Edge {
                     SMatrix::<f64, 1, 3>::zeros(),
                     u.transpose(),
                 );
-                normal.add_difference(
-                    weight.of_translation(),
-                    &SMatrix::<f64, 1, 1>::new(residual),
-                    &shift,
-                )
+                normal.add_difference(translation, &SMatrix::<f64, 1, 1>::new(residual), &shift)
             }
         }
     }
@@ -453,14 +514,14 @@ impl Edge {
 }
 
 impl Weight {
-    fn of_rotation(&self) -> f64 {
+    pub(super) fn of_rotation(&self) -> f64 {
         match self {
             Self::Noise(noise) => noise.rotation_rad.powi(-2),
             Self::Unit | Self::Information(_) => 1.0,
         }
     }
 
-    fn of_translation(&self) -> f64 {
+    pub(super) fn of_translation(&self) -> f64 {
         match self {
             Self::Noise(noise) => noise.translation.powi(-2),
             Self::Unit | Self::Information(_) => 1.0,

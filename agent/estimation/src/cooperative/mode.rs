@@ -1,5 +1,6 @@
 //! How measurements and anchors are weighed: as in the paper, or weighted and robust.
 
+use super::kernel::Kernel;
 use super::refusal::Refusal;
 
 /// How a vehicle's round is weighed.
@@ -19,6 +20,15 @@ impl Mode {
         match self {
             Self::Paper => AnchorWeight::UNIT,
             Self::Star(robust) => robust.anchor,
+        }
+    }
+
+    /// The robust kernel, if it has one.
+    #[must_use]
+    pub const fn kernel(&self) -> Option<Kernel> {
+        match self {
+            Self::Paper => None,
+            Self::Star(robust) => Some(robust.kernel),
         }
     }
 
@@ -68,32 +78,6 @@ pub enum Weighting {
     Unit,
     /// One over its stated variance; a bearing by its residual on the sphere.
     Noise,
-}
-
-/// The redescending kernel of Geman and McClure: a measurement that disagrees by `r` counts `1 / (1 + (r/c)^2)^2`.
-///
-/// The scale `c` is the floor times the [`Contact`] of the neighbour: it must cover how far the priors may be apart. With
-/// a fixed scale the *correct* measurements are refused after a partition, and the error goes on growing.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Kernel {
-    /// The least scale of an angle, in radians.
-    pub rotation_floor_rad: f64,
-    /// The least scale of a length, in metres.
-    pub translation_floor_m: f64,
-    /// By which part of the floor the scale widens with every round without contact.
-    pub widening: f64,
-    /// By which factor an accepted contact narrows the scale.
-    pub narrowing: f64,
-}
-
-impl Kernel {
-    /// The best of a study over clean flights, outliers, blackouts and loss.
-    pub const DEFAULT: Self = Self {
-        rotation_floor_rad: 0.15,
-        translation_floor_m: 0.3,
-        widening: 0.1,
-        narrowing: 0.85,
-    };
 }
 
 /// How much a prior counts, per squared radian and squared metre.

@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use nalgebra::UnitQuaternion;
+use nalgebra::{UnitQuaternion, Vector3};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
@@ -10,6 +10,8 @@ use super::*;
 use crate::cooperative::batch;
 use crate::cooperative::graph::Graph;
 use crate::cooperative::measurement::Kind;
+use crate::cooperative::optimise::Degeneracy;
+use crate::so3;
 
 const SEED: u64 = 5;
 const NOISE: Noise = Noise {
@@ -56,6 +58,12 @@ fn seen(kind: Kind, relative: &Transform<Sensor, Sensor>) -> Measurement {
     .unwrap()
 }
 
+fn unanchored(start: Node) -> Star {
+    let mut star = Star::new(start).unwrap();
+    star.restart_unanchored(start).unwrap();
+    star
+}
+
 /// A star and the same graph for the centralised solver.
 struct Twins {
     star: Star,
@@ -84,7 +92,7 @@ fn twins(rng: &mut ChaCha8Rng, neighbours: usize, kind: Option<Kind>) -> Twins {
             .unwrap();
     }
     for j in 1..=neighbours {
-        let index = star.add_neighbour(priors[j]).unwrap();
+        let index = star.add_neighbour(priors[j], Contact::FRESH).unwrap();
         for (k, by_me) in [true, false].into_iter().enumerate() {
             let (own, their) = (pose(rng, 0.4, 0.3), pose(rng, 0.4, 0.3));
             let (from, to) = if by_me { (0, j) } else { (j, 0) };
@@ -170,7 +178,8 @@ fn a_star_without_measurements_is_its_prior() {
     let mut rng = ChaCha8Rng::seed_from_u64(SEED);
     let prior = pose(&mut rng, 1.0, 5.0);
     let mut star = Star::new(prior).unwrap();
-    star.add_neighbour(pose(&mut rng, 1.0, 5.0)).unwrap();
+    star.add_neighbour(pose(&mut rng, 1.0, 5.0), Contact::FRESH)
+        .unwrap();
     let solution = star.solve(&mut StarWorkspace::new(), &Optimiser::gauss_newton());
     assert_eq!(
         (solution.status, solution.world_from_body),
@@ -185,7 +194,7 @@ fn distances_never_turn_the_centre() {
     let mut star = Star::new(prior).unwrap();
     for too_long in [0.3, 0.6, -0.4] {
         let other: Node = pose(&mut rng, 1.0, 5.0);
-        let neighbour = star.add_neighbour(other).unwrap();
+        let neighbour = star.add_neighbour(other, Contact::FRESH).unwrap();
         let metres = (other.translation - prior.translation).norm() + too_long;
         let distance = Measurement::distance(metres).unwrap();
         star.measured_by_me(
@@ -207,8 +216,8 @@ fn distances_never_turn_the_centre() {
 fn one_pose_edge_to_an_anchored_neighbour_places_a_vehicle_without_prior() {
     let mut rng = ChaCha8Rng::seed_from_u64(SEED);
     let (truth, neighbour): (Node, Node) = (pose(&mut rng, 1.0, 5.0), pose(&mut rng, 1.0, 5.0));
-    let mut star = Star::with_anchor(Node::identity(), AnchorWeight::NONE).unwrap();
-    let index = star.add_neighbour(neighbour).unwrap();
+    let mut star = unanchored(Node::identity());
+    let index = star.add_neighbour(neighbour, Contact::FRESH).unwrap();
     let relative = seen(Kind::Pose, &(neighbour.inverse() * truth).reframe());
     star.measured_by_neighbour(
         index,
@@ -231,8 +240,10 @@ fn a_range_or_bearing_alone_leaves_the_prior_where_it_says_nothing() {
     let prior = Node::new(UnitQuaternion::identity(), Vector3::new(1.0, 0.0, 0.0));
     for (kind, unknown) in [(Kind::Distance, 5), (Kind::Bearing, 4)] {
         for optimiser in [Optimiser::gauss_newton(), Optimiser::descent()] {
-            let mut star = Star::with_anchor(prior, AnchorWeight::NONE).unwrap();
-            let index = star.add_neighbour(Node::identity()).unwrap();
+            let mut star = unanchored(prior);
+            let index = star
+                .add_neighbour(Node::identity(), Contact::FRESH)
+                .unwrap();
             let seen = seen(
                 kind,
                 &Transform::new(UnitQuaternion::identity(), Vector3::new(3.0, 0.0, 0.0)),
@@ -263,9 +274,9 @@ fn a_singular_star_is_said_and_stays_finite() {
     // Neither end is anchored: only the difference of the two is known.
     let mut rng = ChaCha8Rng::seed_from_u64(SEED);
     let prior: Node = pose(&mut rng, 1.0, 5.0);
-    let mut star = Star::with_anchor(prior, AnchorWeight::NONE).unwrap();
+    let mut star = unanchored(prior);
     let index = star
-        .add_neighbour_with_anchor(pose(&mut rng, 1.0, 5.0), AnchorWeight::NONE)
+        .add_neighbour_with_anchor(pose(&mut rng, 1.0, 5.0), AnchorWeight::NONE, Contact::FRESH)
         .unwrap();
     let relative = seen(Kind::Pose, &pose(&mut rng, 1.0, 5.0));
     star.measured_by_me(
@@ -293,7 +304,7 @@ fn coincident_robots_and_half_turns_give_a_stated_status_and_a_finite_pose() {
         for kind in KINDS {
             for turn in [UnitQuaternion::identity(), half_turn] {
                 let mut star = Star::new(here).unwrap();
-                let index = star.add_neighbour(here).unwrap();
+                let index = star.add_neighbour(here, Contact::FRESH).unwrap();
                 let measurement = seen(kind, &Transform::new(turn, Vector3::new(1.0, 0.0, 0.0)));
                 let end = Transform::identity();
                 star.measured_by_me(index, measurement, NOISE, end, end)
@@ -323,7 +334,9 @@ fn coincident_robots_and_half_turns_give_a_stated_status_and_a_finite_pose() {
 fn numbers_too_large_for_a_cost_leave_the_prior() {
     let prior = Node::new(UnitQuaternion::identity(), Vector3::new(1e200, 0.0, 0.0));
     let mut star = Star::new(prior).unwrap();
-    let index = star.add_neighbour(Node::identity()).unwrap();
+    let index = star
+        .add_neighbour(Node::identity(), Contact::FRESH)
+        .unwrap();
     let end = Transform::identity();
     star.measured_by_me(index, Measurement::distance(1.0).unwrap(), NOISE, end, end)
         .unwrap();
@@ -339,12 +352,15 @@ fn numbers_too_large_for_a_cost_leave_the_prior() {
 #[test]
 fn limits_hold_and_one_past_them_is_refused() {
     let mut star = Star::new(Node::identity()).unwrap();
-    let first = star.add_neighbour(Node::identity()).unwrap();
+    let first = star
+        .add_neighbour(Node::identity(), Contact::FRESH)
+        .unwrap();
     for _ in 1..MAX_NEIGHBOURS {
-        star.add_neighbour(Node::identity()).unwrap();
+        star.add_neighbour(Node::identity(), Contact::FRESH)
+            .unwrap();
     }
     assert_eq!(
-        star.add_neighbour(Node::identity()),
+        star.add_neighbour(Node::identity(), Contact::FRESH),
         Err(Refusal::Full {
             what: "neighbours",
             limit: MAX_NEIGHBOURS
@@ -363,7 +379,7 @@ fn limits_hold_and_one_past_them_is_refused() {
             limit: MAX_EDGES
         })
     );
-    star.restart(Node::identity(), AnchorWeight::UNIT).unwrap();
+    star.restart(Node::identity()).unwrap();
     assert_eq!((star.neighbours(), star.edges()), (0, 0));
     assert_eq!(
         star.measured_by_me(first, distance, NOISE, end, end),
@@ -377,7 +393,7 @@ fn what_cannot_be_is_refused() {
     assert!(matches!(Star::new(nowhere), Err(Refusal::NotFinite { .. })));
     let mut star = Star::new(Node::identity()).unwrap();
     assert!(matches!(
-        star.add_neighbour(nowhere),
+        star.add_neighbour(nowhere, Contact::FRESH),
         Err(Refusal::NotFinite { .. })
     ));
     let negative = AnchorWeight {
@@ -385,10 +401,12 @@ fn what_cannot_be_is_refused() {
         translation: 1.0,
     };
     assert_eq!(
-        star.add_neighbour_with_anchor(Node::identity(), negative),
+        star.add_neighbour_with_anchor(Node::identity(), negative, Contact::FRESH),
         Err(Refusal::BadWeight)
     );
-    let index = star.add_neighbour(Node::identity()).unwrap();
+    let index = star
+        .add_neighbour(Node::identity(), Contact::FRESH)
+        .unwrap();
     let end = Transform::identity();
     let bearing = |v: Vector3<f64>| Measurement::bearing(v).unwrap();
     let loud = Noise {
