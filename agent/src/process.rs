@@ -32,6 +32,7 @@ impl Process {
             peers,
             session_open: session.is_some(),
             faults_dropped: self.faults.as_ref().map_or(0, FaultFilter::dropped),
+            faults: self.faults.as_ref().map(FaultFilter::count),
             log_complete: self.log.as_ref().map(LogHealth::is_complete),
             ..ProcessHealth::default()
         };
@@ -44,6 +45,9 @@ impl Process {
         process
             .queues
             .insert("queries".to_owned(), self.questions.health());
+        if let Some(faults) = &self.faults {
+            process.queues.insert("delayed".to_owned(), faults.queue());
+        }
         if let Some(log) = &self.log {
             process.queues.insert("log".to_owned(), log.queue());
         }

@@ -8,7 +8,7 @@ use crate::queries::{About, Question, Wish};
 use crate::queue::Queue;
 use crate::refusals::Refusals;
 use skein_proto::envelope::ENVELOPE_BYTES;
-use skein_proto::faults::Faults;
+use skein_proto::faults::{Faults, FaultsError};
 use skein_proto::keys::{Key, SimChannel, select};
 use skein_proto::limits::{DOCUMENT_BYTES_MAX, PACKET_BYTES_MAX};
 use skein_proto::name::Name;
@@ -150,8 +150,12 @@ impl Reception {
             return;
         }
         let set = Faults::parse(&sample.payload().to_bytes()).and_then(|faults| filter.set(faults));
-        if set.is_err() {
-            self.refusals.count("faults_malformed");
+        if let Err(error) = set {
+            self.refusals.count(match error {
+                FaultsError::Malformed { .. } => "faults_malformed",
+                _ => "faults_out_of_bounds",
+            });
+            tracing::debug!(%error, "simulated faults are refused");
         }
     }
 

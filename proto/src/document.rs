@@ -1,5 +1,6 @@
 //! What people and tools read in JSON: the estimate, the health and the description of a vehicle.
 
+use crate::faults::LinkCount;
 use crate::name::Name;
 use crate::status::Status;
 use serde::{Deserialize, Serialize};
@@ -208,6 +209,9 @@ pub struct ProcessHealth {
     pub queues: BTreeMap<String, QueueHealth>,
     /// Packets that an injected fault took away.
     pub faults_dropped: u64,
+    /// What injected faults did to packets, by reason; absent where none are obeyed.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub faults: Option<LinkCount>,
     /// Whether the input log, if any, is complete.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub log_complete: Option<bool>,

@@ -80,11 +80,19 @@ fn one() -> u64 {
     1
 }
 
-const BUILT_IN: [(&str, &str); 5] = [
+const BUILT_IN: [(&str, &str); 7] = [
     ("section-v", include_str!("../scenarios/section-v.toml")),
     (
         "section-v-lossy",
         include_str!("../scenarios/section-v-lossy.toml"),
+    ),
+    (
+        "section-v-harsh",
+        include_str!("../scenarios/section-v-harsh.toml"),
+    ),
+    (
+        "section-v-partition",
+        include_str!("../scenarios/section-v-partition.toml"),
     ),
     (
         "section-v-mounted",
@@ -184,25 +192,7 @@ impl Scenario {
         {
             return Err(("mounts", "a mount has a number that is not finite".into()));
         }
-        let n_vehicles = self.team.len();
-        for silence in &self.radio.silences {
-            if silence.to_s <= silence.from_s {
-                return Err((
-                    "silences",
-                    format!("a silence ends at {} s, before it begins", silence.to_s),
-                ));
-            }
-            if let Some(vehicle) = silence
-                .vehicles
-                .iter()
-                .find(|vehicle| **vehicle >= n_vehicles)
-            {
-                return Err((
-                    "silences",
-                    format!("there is no vehicle {vehicle} (they count from 0)"),
-                ));
-            }
-        }
+        self.radio.check(self.team.len())?;
         if self
             .sensor
             .changes
@@ -228,6 +218,7 @@ fn is_finite(pose: &Pose) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::radio::{LINKS_MAX, PARTITIONS_MAX, SILENCES_MAX};
     use crate::sensor::{Kind, Taken};
     use crate::trajectory::Trajectory;
 
@@ -364,6 +355,118 @@ mod tests {
         let error = Scenario::parse(&text, "mine.toml").unwrap_err();
         assert_eq!((error.line(), error.key()), (8, Some("silences")));
         assert!(error.to_string().contains("no vehicle 2"), "{error}");
+    }
+
+    #[test]
+    fn every_setting_of_the_radio_that_cannot_be_is_an_error_with_its_line_and_its_key() {
+        let cases = [
+            (
+                "jitter_s = -0.1",
+                "radio.jitter_s",
+                "not a delay from 0 to 10 s",
+            ),
+            (
+                "delay_s = nan",
+                "radio.delay_s",
+                "not a delay from 0 to 10 s",
+            ),
+            (
+                "burst = { share = 0.1, mean_s = 0 }",
+                "radio.burst",
+                "burst.mean_s must lie",
+            ),
+            (
+                "[radio.burst]\nshare = 2\nmean_s = 1",
+                "radio.burst",
+                "burst.share must lie",
+            ),
+            (
+                "reorder = { probability = 0.1 }",
+                "radio.reorder",
+                "missing field `delay_s`",
+            ),
+            (
+                "duplicate = { probability = 7, delay_s = 0.1 }",
+                "radio.duplicate",
+                "duplicate.probability must lie",
+            ),
+            (
+                "rate_limit = { bytes_per_s = 1000, bucket_bytes = 10 }",
+                "radio.rate_limit",
+                "rate_limit.bucket_bytes must lie",
+            ),
+            (
+                "links = [{ from = 0, to = 1, loss = 2 }]",
+                "radio.links",
+                "links.loss must lie",
+            ),
+            (
+                "links = [{ from = 1, to = 1 }]",
+                "radio.links",
+                "not one with itself",
+            ),
+            (
+                "links = [{ from = 0, to = 2 }]",
+                "links",
+                "there is no vehicle 2",
+            ),
+            (
+                "[[radio.links]]\nfrom = 0\nto = 2",
+                "links",
+                "there is no vehicle 2",
+            ),
+            (
+                "partitions = [{ from_s = 2, to_s = 2, groups = [[0], [1]] }]",
+                "radio.partitions",
+                "heals at 2 s, before it begins",
+            ),
+            (
+                "partitions = [{ from_s = 1, to_s = 2, groups = [[0, 1]] }]",
+                "radio.partitions",
+                "two groups or more",
+            ),
+            (
+                "partitions = [{ from_s = 1, to_s = 2, groups = [[0, 1], [1]] }]",
+                "radio.partitions",
+                "in two groups",
+            ),
+            (
+                "partitions = [{ from_s = 1, to_s = 2, groups = [[0], [5]] }]",
+                "partitions",
+                "there is no vehicle 5",
+            ),
+            (
+                "[[radio.silences]]\nfrom_s = 3\nto_s = 2",
+                "silences",
+                "before it begins",
+            ),
+        ];
+        for (setting, key, why) in cases {
+            let text = format!("{SMALLEST}[radio]\n{setting}\n");
+            let error = Scenario::parse(&text, "mine.toml").unwrap_err();
+            assert_eq!((error.line(), error.key()), (8, Some(key)), "{error}");
+            assert!(error.message().contains(why), "{setting}: {error}");
+        }
+    }
+
+    #[test]
+    fn silences_and_partitions_are_bounded() {
+        let entries = |entry: &str, n: usize| format!("[{}]", [entry].repeat(n).join(", "));
+        let silences = |n| format!("silences = {}", entries("{ from_s = 1, to_s = 2 }", n));
+        let partition = "{ from_s = 1, to_s = 2, groups = [[0], [1]] }";
+        let partitions = |n| format!("partitions = {}", entries(partition, n));
+        let link = |k: usize| format!("{{ from = 0, to = {} }}", k + 1);
+        let links = |n: usize| {
+            let list: Vec<String> = (0..n).map(link).collect();
+            format!("links = [{}]", list.join(", "))
+        };
+        let team = SMALLEST.replace("count = 2", &format!("count = {VEHICLES_MAX}"));
+        let is_allowed =
+            |setting: String| Scenario::parse(&format!("{team}[radio]\n{setting}\n"), "x").is_ok();
+        assert!(is_allowed(silences(SILENCES_MAX)) && !is_allowed(silences(SILENCES_MAX + 1)));
+        assert!(is_allowed(partitions(PARTITIONS_MAX)));
+        assert!(!is_allowed(partitions(PARTITIONS_MAX + 1)));
+        assert!(is_allowed(links(LINKS_MAX)) && !is_allowed(links(LINKS_MAX + 1)));
     }
 
     #[test]

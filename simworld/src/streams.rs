@@ -30,6 +30,8 @@ pub enum Purpose {
     Trajectory = 10,
     /// Noise of a known start pose.
     Start = 11,
+    /// What the radio does to packets beside losing them by chance: bursts, jitter, order, copies.
+    RadioImpairments = 12,
 }
 
 /// The streams of one sample of one experiment.

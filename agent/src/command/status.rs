@@ -112,6 +112,11 @@ fn page(health: &HealthDocument) -> String {
                 process.faults_dropped
             );
         }
+        if let Some(faults) = &process.faults {
+            let happened = faults.by_reason().into_iter().filter(|(_, n)| *n > 0);
+            let counts = happened.map(|(reason, n)| (reason.to_owned(), n)).collect();
+            counters(&mut page, "  simulated faults", &counts);
+        }
         if process.log_complete == Some(false) {
             let _ = writeln!(page, "  the input log is INCOMPLETE");
         }

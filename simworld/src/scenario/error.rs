@@ -28,10 +28,15 @@ impl ScenarioError {
 
     /// A broken law of a key, wherever the text first sets it.
     pub(super) fn of_key(text: &str, origin: &str, key: &str, message: String) -> Self {
+        // Either `key = ...`, or a table of its own: `[table.key]`, `[[table.key]]`.
         let set = |line: &str| {
-            line.trim_start()
-                .strip_prefix(key)
-                .is_some_and(|rest| rest.trim_start().starts_with(['=', '.']))
+            let header = line.trim().strip_prefix('[').and_then(|rest| {
+                let name = rest.trim_end_matches(']');
+                name.rsplit(['.', '[']).next()
+            });
+            let assigned = line.trim_start().strip_prefix(key);
+            header == Some(key)
+                || assigned.is_some_and(|rest| rest.trim_start().starts_with(['=', '.']))
         };
         let start = text.split_inclusive('\n').scan(0, |offset, line| {
             let start = *offset;

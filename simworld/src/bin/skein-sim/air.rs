@@ -92,8 +92,9 @@ impl Air {
             .cloned()
     }
 
-    /// Tells all agents what the radio does from now on.
+    /// Tells all agents what the radio does from now on. Fails when they would refuse it.
     pub(crate) fn dictate(&self, faults: &Faults) -> miette::Result<()> {
+        faults.check().into_diagnostic().wrap_err("faults")?;
         let text = serde_json::to_string(faults)
             .into_diagnostic()
             .wrap_err("faults")?;

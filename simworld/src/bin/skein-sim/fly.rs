@@ -9,7 +9,7 @@ use skein_agent::{
     Agent, Clock, DriverSettings, FaultSettings, FrameSender, NetworkSettings, Settings, new_boot,
 };
 use skein_estimation::time::{Span, Stamp};
-use skein_proto::faults::Faults;
+use skein_proto::faults::{Faults, LinkCount};
 use skein_proto::name::Name;
 use skein_proto::status::Status;
 use skein_simworld::fleet::pose_of;
@@ -17,7 +17,7 @@ use skein_simworld::radio::RadioSettings;
 use skein_simworld::scenario::Scenario;
 use skein_simworld::stage::Stage;
 use skein_simworld::statistics::PoseError;
-use skein_simworld::world::{Delivery, World, seconds};
+use skein_simworld::world::{Delivery, World, nanos, seconds};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -33,7 +33,8 @@ const FAULTS_EVERY_NS: i64 = 200_000_000;
 /// Options of `fly`.
 #[derive(Debug, Args)]
 pub(crate) struct FlyArguments {
-    /// A built-in scenario (section-v, section-v-lossy, section-v-mounted, parallel-lines, hover) or a TOML file.
+    /// A built-in scenario (section-v, section-v-lossy, section-v-harsh, section-v-partition, section-v-mounted,
+    /// parallel-lines, hover) or a TOML file.
     scenario: String,
     /// Fly the world only: the agents are other processes with `zenoh` drivers named `odometry` and `relative`, and
     /// `[simulation] enabled = true`.
@@ -89,6 +90,8 @@ struct VehicleResult {
     neighbours: usize,
     rounds_solved: u64,
     packets_lost: u64,
+    /// What the simulated radio did to the packets that were sent to it, by reason.
+    radio: LinkCount,
 }
 
 #[derive(Clone, Debug, Serialize)]
@@ -99,6 +102,8 @@ struct FlightResult {
     vehicles: Vec<VehicleResult>,
     team_rmse_m: Option<f64>,
     team_dead_reckoning_rmse_m: f64,
+    /// The same of all vehicles together.
+    radio: LinkCount,
 }
 
 pub(crate) fn run(arguments: &FlyArguments) -> miette::Result<()> {
@@ -127,12 +132,7 @@ fn scenario(arguments: &FlyArguments) -> miette::Result<Scenario> {
     scenario.duration_s = arguments.duration.unwrap_or(scenario.duration_s);
     scenario.radio.loss = arguments.loss.unwrap_or(scenario.radio.loss);
     scenario.radio.delay_s = arguments.delay.unwrap_or(scenario.radio.delay_s);
-    let faults = Faults {
-        loss: scenario.radio.loss,
-        delay_s: scenario.radio.delay_s,
-        silent: Vec::new(),
-    };
-    faults.check().into_diagnostic()?;
+    scenario.radio.impairments().check().into_diagnostic()?;
     if !scenario.duration_s.is_finite() || scenario.duration_s <= 0.0 {
         return Err(miette!("--duration must be a positive number of seconds"));
     }
@@ -241,7 +241,13 @@ impl Flight {
                 },
             );
         }
-        push(&mut events, begin_ns, Event::Dictate);
+        push(&mut events, begin_ns, Event::Dictate { again: true });
+        // Silences and partitions begin and end on time, not at the next repetition.
+        for turn_ns in scenario.radio.turns_s().map(nanos) {
+            if turn_ns > begin_ns {
+                push(&mut events, turn_ns, Event::Dictate { again: false });
+            }
+        }
         push(&mut events, self.world.period_ns(), Event::Score);
         while let Some(((at_ns, _), event)) = events.pop_first() {
             if at_ns > end_ns + self.world.period_ns() {
@@ -272,9 +278,15 @@ impl Flight {
                     );
                 }
                 Event::Bring { vehicle, delivery } => self.bring(vehicle, &delivery)?,
-                Event::Dictate => {
+                Event::Dictate { again } => {
                     self.air.dictate(&self.faults(&scenario.radio, at_ns))?;
-                    push(&mut events, at_ns + FAULTS_EVERY_NS, Event::Dictate);
+                    if again {
+                        push(
+                            &mut events,
+                            at_ns + FAULTS_EVERY_NS,
+                            Event::Dictate { again },
+                        );
+                    }
                 }
                 Event::Score => {
                     let error_m = score.take(&self.world, &self.air);
@@ -323,33 +335,28 @@ impl Flight {
         }
     }
 
-    /// What the radio does now: its loss and delay, and who is out of whose range or silenced.
+    /// What the radio does now, with who is out of whose range, silenced or in another part of the fleet.
     fn faults(&self, radio: &RadioSettings, at_ns: i64) -> Faults {
-        let vehicles = self.world.vehicles();
+        let vehicles = 0..self.world.vehicles();
+        let names: Vec<Name> = vehicles.map(|vehicle| self.world.name(vehicle)).collect();
         let place = |vehicle| self.world.pose(vehicle, at_ns).translation.vector;
-        let mut silent = Vec::new();
-        for a in 0..vehicles {
-            for b in a + 1..vehicles {
-                let far = radio
-                    .range_m
-                    .is_some_and(|range_m| (place(a) - place(b)).norm() > range_m);
-                if far || radio.is_silenced(seconds(at_ns), a, b) {
-                    silent.push((self.world.name(a), self.world.name(b)));
-                }
-            }
-        }
-        Faults {
-            loss: radio.loss,
-            delay_s: radio.delay_s,
-            silent,
-        }
+        radio.faults(seconds(at_ns), &names, |a, b| (place(a) - place(b)).norm())
     }
 }
 
 enum Event {
-    Prepare { vehicle: usize, instant_ns: i64 },
-    Bring { vehicle: usize, delivery: Delivery },
-    Dictate,
+    Prepare {
+        vehicle: usize,
+        instant_ns: i64,
+    },
+    Bring {
+        vehicle: usize,
+        delivery: Delivery,
+    },
+    /// Tells the agents what the radio does now, and perhaps again after a while.
+    Dictate {
+        again: bool,
+    },
     Score,
 }
 
@@ -461,6 +468,7 @@ impl Score {
                     .count()
             };
             let reckoned = &self.reckoned[vehicle];
+            let process = health.as_ref().and_then(|health| health.process.as_ref());
             VehicleResult {
                 vehicle: world.name(vehicle),
                 status: self.statuses[vehicle]
@@ -480,13 +488,17 @@ impl Score {
                     .unwrap_or(f64::NAN),
                 neighbours: health.as_ref().map_or(0, present),
                 rounds_solved: health.as_ref().map_or(0, |health| health.rounds.solved),
-                packets_lost: health
-                    .as_ref()
-                    .and_then(|health| health.process.as_ref())
-                    .map_or(0, |process| process.faults_dropped),
+                packets_lost: process.map_or(0, |process| process.faults_dropped),
+                radio: process
+                    .and_then(|process| process.faults)
+                    .unwrap_or_default(),
             }
         });
         let vehicles: Vec<VehicleResult> = vehicles.collect();
+        let mut radio = LinkCount::default();
+        for vehicle in &vehicles {
+            radio += vehicle.radio;
+        }
         let estimated = self
             .estimated
             .iter()
@@ -500,6 +512,7 @@ impl Score {
             vehicles,
             team_rmse_m: root_mean(estimated),
             team_dead_reckoning_rmse_m: root_mean(reckoned).unwrap_or(f64::NAN),
+            radio,
         }
     }
 }
@@ -539,6 +552,20 @@ fn table(result: &FlightResult) -> String {
         "\nteam RMSE over the flight: {} m; by odometry alone: {:.3} m",
         metres(result.team_rmse_m),
         result.team_dead_reckoning_rmse_m,
+    );
+    let by_reason: Vec<String> = result
+        .radio
+        .by_reason()
+        .into_iter()
+        .filter(|(_, count)| *count > 0)
+        .map(|(reason, count)| format!(", {reason} {count}"))
+        .collect();
+    let _ = writeln!(
+        text,
+        "radio: {} packets sent, {} arrived{}",
+        result.radio.sent,
+        result.radio.delivered,
+        by_reason.concat()
     );
     text
 }
