@@ -39,6 +39,7 @@ pub mod vehicle;
 mod clock;
 mod counters;
 mod dead_reckoning;
+mod duplicates;
 mod hearing;
 mod local_star;
 mod neighbours;
@@ -46,6 +47,7 @@ mod refused;
 mod reporting;
 mod rounds;
 mod sensors;
+mod sequence;
 mod speaking;
 mod translate;
 
