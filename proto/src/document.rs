@@ -97,6 +97,9 @@ pub struct HealthDocument {
     pub neighbours: BTreeMap<String, NeighbourHealth>,
     /// Packets and frames that could be laid to nobody, by reason.
     pub refused: BTreeMap<String, u64>,
+    /// Boot id in hexadecimal of another process that flies under this vehicle's name now.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub namesake_boot: Option<String>,
     /// What the process around the estimator counts; absent in a virtual fleet.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub process: Option<ProcessHealth>,
@@ -155,6 +158,12 @@ pub struct NeighbourHealth {
     pub echoes: u64,
     /// Its clock minus ours, in seconds.
     pub clock_offset_s: Option<f64>,
+    /// How far off that can be, in seconds.
+    #[serde(default)]
+    pub clock_error_s: Option<f64>,
+    /// How often its clock, or ours, stepped within this boot.
+    #[serde(default)]
+    pub clock_stepped: u64,
     /// Round trip of the last echo, in seconds.
     pub round_trip_s: Option<f64>,
     /// Its round period, when it differs from ours.
@@ -179,6 +188,9 @@ pub struct NeighbourHealth {
     pub refused: BTreeMap<String, u64>,
     /// Bytes received, envelopes included.
     pub bytes: u64,
+    /// Boot ids in hexadecimal of processes that are alive under this one name: all of them are refused meanwhile.
+    #[serde(skip_serializing_if = "Vec::is_empty", default)]
+    pub duplicate_boots: Vec<String>,
 }
 
 /// How far a rejected measurement was from everything else.

@@ -91,6 +91,9 @@ fn page(health: &HealthDocument) -> String {
         page.push_str(&neighbour_line(name, neighbour));
     }
     counters(&mut page, "  refused", &health.refused);
+    if let Some(boot) = &health.namesake_boot {
+        let _ = writeln!(page, "  ANOTHER PROCESS FLIES UNDER THIS NAME: boot {boot}");
+    }
     if let Some(process) = &health.process {
         let session = if process.session_open {
             "open"
@@ -151,6 +154,16 @@ fn neighbour_line(name: &str, neighbour: &NeighbourHealth) -> String {
     if let Some(round_trip_s) = neighbour.round_trip_s {
         let _ = write!(line, " (round trip {:.1} ms)", 1e3 * round_trip_s);
     }
+    if neighbour.clock_stepped > 0 {
+        let _ = write!(line, ", clock stepped {} times", neighbour.clock_stepped);
+    }
+    if !neighbour.duplicate_boots.is_empty() {
+        let boots = neighbour.duplicate_boots.join(" and ");
+        let _ = write!(
+            line,
+            ", DUPLICATE NAME: refused while boots {boots} are alive"
+        );
+    }
     if let Some(period_s) = neighbour.other_period_s {
         let _ = write!(line, ", ANOTHER PERIOD: {period_s} s");
     }
@@ -196,6 +209,7 @@ mod tests {
             present: true,
             echoes: 2,
             refused: BTreeMap::from([("clock_unknown".to_owned(), 7)]),
+            duplicate_boots: vec!["000000000000000a".to_owned(), "000000000000000b".to_owned()],
             ..NeighbourHealth::default()
         };
         let health = HealthDocument {
@@ -209,6 +223,7 @@ mod tests {
             sensors: BTreeMap::new(),
             neighbours: BTreeMap::from([("v2".to_owned(), neighbour)]),
             refused: BTreeMap::new(),
+            namesake_boot: Some("00000000000000cd".to_owned()),
             process: Some(ProcessHealth::default()),
         };
         let page = page(&health);
@@ -217,6 +232,8 @@ mod tests {
             "give one vehicle a pose",
             "clock unknown (2 of 4 echoes)",
             "clock_unknown 7",
+            "DUPLICATE NAME: refused while boots 000000000000000a and 000000000000000b are alive",
+            "ANOTHER PROCESS FLIES UNDER THIS NAME: boot 00000000000000cd",
             "NOT OPEN",
         ] {
             assert!(page.contains(expected), "{expected}: {page}");

@@ -1,4 +1,5 @@
-//! A neighbour's clock: its stamps are another type until four time stamps tell how far its clock is from ours.
+//! A neighbour's clock: its stamps are another type until echoes of four time stamps each tell how far its clock is
+//! from ours. Echoes that queued do not move it, a single lie does not move it, and a step begins it anew.
 
 use skein_estimation::time::{Span, Stamp};
 
@@ -6,6 +7,12 @@ use skein_estimation::time::{Span, Stamp};
 pub(crate) const ECHOES_MIN: u64 = 4;
 /// Longest round trip of an echo that is believed; it covers an echo that waited its turn in a round record.
 const ROUND_TRIP_MAX: Span = Span::secs(5);
+/// How fast two clocks part at most, in parts per million: twice what a poor crystal does.
+const DRIFT_MAX_PPM: i64 = 200;
+/// Two echoes may contradict each other by so much more than their bounds allow before a clock is said to have stepped.
+const STEP_MARGIN: Span = Span::millis(5);
+/// So many contradictions in a row end what was known, even if they contradict each other too.
+const DOUBTS_MAX: u32 = 5;
 
 /// An instant on a neighbour's clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -43,30 +50,116 @@ pub(crate) struct FourStamps {
     pub(crate) received: Stamp,
 }
 
-/// What is known of the clock of one boot of one neighbour.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct PeerClock {
-    echoes: u64,
+/// How far off the offset of one echo can be: its packets took some time each way, and nobody knows which took longer;
+/// since then the clocks may have drifted apart.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Sample {
     offset: Span,
     round_trip: Span,
+    taken: Stamp,
 }
 
-impl PeerClock {
-    /// Takes one echo. False when its times are impossible: nothing is changed then.
-    pub(crate) fn observe(&mut self, stamps: FourStamps) -> bool {
+impl Sample {
+    fn of(stamps: &FourStamps) -> Option<Self> {
         let waited = stamps.echoed.since(stamps.heard);
         let round_trip = (stamps.received - stamps.sent) - waited;
         if waited < Span::ZERO || round_trip < Span::ZERO || round_trip > ROUND_TRIP_MAX {
-            return false;
+            return None;
         }
         // offset = ((heard - sent) + (echoed - received)) / 2, each difference across the two clocks; halved first,
         // so that clocks that are ages apart do not overflow.
         let there = stamps.heard.on_its_own_clock() - stamps.sent;
         let back = stamps.echoed.on_its_own_clock() - stamps.received;
-        self.offset = Span::from_nanos(there.as_nanos().midpoint(back.as_nanos()));
-        self.round_trip = round_trip;
+        Some(Self {
+            offset: Span::from_nanos(there.as_nanos().midpoint(back.as_nanos())),
+            round_trip,
+            taken: stamps.received,
+        })
+    }
+
+    /// |error| <= round_trip / 2 + drift * age: a law while no clock steps, since no packet arrives before it is sent.
+    fn error_bound(&self, now: Stamp) -> Span {
+        let age = (now - self.taken).as_nanos().max(0);
+        let drift_ns = age / 1_000_000 * DRIFT_MAX_PPM;
+        Span::from_nanos(self.round_trip.as_nanos() / 2) + Span::from_nanos(drift_ns)
+    }
+
+    /// Whether one clock that keeps its pace can have given both.
+    fn agrees(&self, other: &Self, now: Stamp) -> bool {
+        let allowed = self.error_bound(now) + other.error_bound(now) + STEP_MARGIN;
+        (self.offset - other.offset).abs() <= allowed
+    }
+}
+
+/// What an echo told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Observed {
+    /// It agrees with what is known.
+    Taken,
+    /// Its times are impossible: nothing is changed.
+    Impossible,
+    /// It contradicts what is known, alone: the offset stays.
+    Doubted,
+    /// Others before it contradicted too: one of the two clocks stepped. Everything begins again from here.
+    Stepped,
+}
+
+/// What is known of the clock of one boot of one neighbour.
+///
+/// The offset held is that of the echo with the least error bound, so that packets that queued on their way do not
+/// move it (the clock filter of RFC 5905, section 10). All bounds grow at the same pace: an echo that was once beaten
+/// stays beaten, and the best one is all that must be kept.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct PeerClock {
+    echoes: u64,
+    best: Option<Sample>,
+    last_round_trip: Span,
+    doubted: Option<Sample>,
+    doubts: u32,
+    steps: u64,
+}
+
+impl PeerClock {
+    /// Takes one echo.
+    pub(crate) fn observe(&mut self, stamps: FourStamps) -> Observed {
+        let Some(sample) = Sample::of(&stamps) else {
+            return Observed::Impossible;
+        };
+        let now = sample.taken;
+        if self.best.is_some_and(|best| !best.agrees(&sample, now)) {
+            return self.doubt(sample);
+        }
         self.echoes += 1;
-        true
+        self.doubts = 0;
+        self.doubted = None;
+        self.last_round_trip = sample.round_trip;
+        let is_best = |best: Sample| sample.error_bound(now) <= best.error_bound(now);
+        if self.best.is_none_or(is_best) {
+            self.best = Some(sample);
+        }
+        Observed::Taken
+    }
+
+    /// One contradiction may be a lie; two that agree with each other are a step, and so many in a row mean that the
+    /// clock is being slewed faster than any drift.
+    fn doubt(&mut self, sample: Sample) -> Observed {
+        self.doubts += 1;
+        let confirmed = self
+            .doubted
+            .replace(sample)
+            .is_some_and(|before| before.agrees(&sample, sample.taken));
+        if !confirmed && self.doubts < DOUBTS_MAX {
+            return Observed::Doubted;
+        }
+        *self = Self {
+            echoes: if confirmed { 2 } else { 1 },
+            best: Some(sample),
+            last_round_trip: sample.round_trip,
+            doubted: None,
+            doubts: 0,
+            steps: self.steps + 1,
+        };
+        Observed::Stepped
     }
 
     pub(crate) const fn echoes(&self) -> u64 {
@@ -77,14 +170,26 @@ impl PeerClock {
         self.echoes >= ECHOES_MIN
     }
 
+    /// How often one of the two clocks stepped.
+    pub(crate) const fn steps(&self) -> u64 {
+        self.steps
+    }
+
     /// The neighbour's clock minus ours, once known.
     pub(crate) fn offset(&self) -> Option<Span> {
-        self.is_known().then_some(self.offset)
+        let best = self.best.filter(|_| self.is_known())?;
+        Some(best.offset)
+    }
+
+    /// How far off the offset can be by now.
+    pub(crate) fn error_bound(&self, now: Stamp) -> Option<Span> {
+        let best = self.best.filter(|_| self.is_known())?;
+        Some(best.error_bound(now))
     }
 
     /// Round trip of the last echo, without the time that it waited at the neighbour's.
     pub(crate) fn round_trip(&self) -> Option<Span> {
-        (self.echoes > 0).then_some(self.round_trip)
+        (self.echoes > 0).then_some(self.last_round_trip)
     }
 
     pub(crate) fn to_mine(self, peer: PeerStamp) -> Option<Stamp> {
@@ -110,13 +215,36 @@ mod tests {
         }
     }
 
+    /// The echo of a packet sent at `sent_us`, from a clock so far ahead, over ways so long.
+    fn echo(sent_us: i64, ahead_us: i64, there_us: i64, back_us: i64) -> FourStamps {
+        let at = |us: i64| Stamp::default() + Span::micros(us);
+        let heard_us = sent_us + there_us;
+        let echoed_us = heard_us + 70_000;
+        FourStamps {
+            sent: at(sent_us),
+            heard: PeerStamp(at(heard_us + ahead_us)),
+            echoed: PeerStamp(at(echoed_us + ahead_us)),
+            received: at(echoed_us + back_us),
+        }
+    }
+
+    /// A clock that is known to be so far ahead, after 10 s of echoes five times a second.
+    fn known(ahead_us: i64) -> PeerClock {
+        let mut clock = PeerClock::default();
+        for k in 0..50 {
+            let observed = clock.observe(echo(k * 200_000, ahead_us, 1_000, 1_000));
+            assert_eq!(observed, Observed::Taken);
+        }
+        clock
+    }
+
     #[test]
     fn four_stamps_give_the_offset_whatever_the_neighbour_waited() {
         let mut clock = PeerClock::default();
         for _ in 0..ECHOES_MIN {
             assert_eq!(clock.offset(), None, "not before {ECHOES_MIN} echoes");
             // The neighbour is 5000 ms ahead, each way takes 10 ms, and it waits 70 ms.
-            assert!(clock.observe(stamps(100, 5110, 5180, 190)));
+            assert_eq!(clock.observe(stamps(100, 5110, 5180, 190)), Observed::Taken);
         }
         assert_eq!(clock.offset(), Some(Span::millis(5000)));
         assert_eq!(clock.round_trip(), Some(Span::millis(20)));
@@ -129,18 +257,13 @@ mod tests {
     #[test]
     fn impossible_times_change_nothing() {
         let mut clock = PeerClock::default();
-        assert!(
-            !clock.observe(stamps(100, 200, 150, 190)),
-            "echoed before it was heard"
-        );
-        assert!(
-            !clock.observe(stamps(100, 110, 300, 190)),
-            "waited longer than we did"
-        );
-        assert!(
-            !clock.observe(stamps(0, 1, 2, 10_000)),
-            "older than any echo"
-        );
+        for (impossible, why) in [
+            (stamps(100, 200, 150, 190), "echoed before it was heard"),
+            (stamps(100, 110, 300, 190), "waited longer than we did"),
+            (stamps(0, 1, 2, 10_000), "older than any echo"),
+        ] {
+            assert_eq!(clock.observe(impossible), Observed::Impossible, "{why}");
+        }
         assert_eq!(clock, PeerClock::default());
     }
 
@@ -154,6 +277,101 @@ mod tests {
             echoed: far,
             received: Stamp::from_nanos(i64::MIN + 9),
         };
-        assert!(clock.observe(taken));
+        assert_eq!(clock.observe(taken), Observed::Taken);
+        let near = stamps(100, 110, 120, 130);
+        assert_ne!(clock.observe(near), Observed::Impossible);
+    }
+
+    #[test]
+    fn queues_that_are_long_one_way_only_do_not_move_the_offset() {
+        let mut clock = PeerClock::default();
+        let (mut last_errors_us, mut errors_us) = (Vec::new(), Vec::new());
+        // 100 ms each way, and on the way back a queue that mostly holds a packet up to 80 ms longer.
+        for k in 0..1_000 {
+            let queued_us = k * 7_919 % 80_000;
+            clock.observe(echo(k * 200_000, 5_000_000, 100_000, 100_000 + queued_us));
+            if k >= 50 {
+                let error = clock.offset().unwrap() - Span::micros(5_000_000);
+                errors_us.push(error.as_micros_rounded().abs());
+                last_errors_us.push(queued_us / 2);
+                let now = Stamp::default() + Span::micros(k * 200_000 + 270_000 + queued_us);
+                assert!(error.abs() <= clock.error_bound(now).unwrap());
+            }
+        }
+        let mean = |values: &[i64]| values.iter().sum::<i64>() / values.len() as i64;
+        let (filtered, unfiltered) = (mean(&errors_us), mean(&last_errors_us));
+        assert!(
+            filtered < 2_000 && unfiltered > 15_000,
+            "{filtered} us, unfiltered {unfiltered} us"
+        );
+        assert_eq!(clock.steps(), 0);
+    }
+
+    #[test]
+    fn a_drifting_clock_is_followed() {
+        let mut clock = PeerClock::default();
+        // 50 parts in a million: 3 ms a minute, over ten minutes.
+        for k in 0..3_000 {
+            clock.observe(echo(k * 200_000, k * 10, 1_000 + k % 7 * 100, 1_000));
+        }
+        let error = clock.offset().unwrap() - Span::micros(2_999 * 10);
+        assert!(error.abs() < Span::millis(1), "{error:?}");
+        assert_eq!(clock.steps(), 0);
+    }
+
+    #[test]
+    fn one_absurd_echo_moves_nothing_whenever_it_comes() {
+        for absurd_us in [-5_000_000, -20_000, 20_000, 5_000_000] {
+            let mut clock = known(0);
+            let lie = echo(10_100_000, absurd_us, 0, 0);
+            assert_eq!(clock.observe(lie), Observed::Doubted);
+            assert_eq!(clock.offset(), Some(Span::ZERO));
+            // An honest one in between, and the next lie stands alone again.
+            let honest = echo(10_200_000, 0, 1_000, 1_000);
+            assert_eq!(clock.observe(honest), Observed::Taken);
+            let lie = echo(10_300_000, absurd_us, 0, 0);
+            assert_eq!(clock.observe(lie), Observed::Doubted);
+            assert_eq!((clock.offset(), clock.steps()), (Some(Span::ZERO), 0));
+        }
+        let mut fooled_at_first = PeerClock::default();
+        fooled_at_first.observe(echo(0, 5_000_000, 0, 0));
+        for k in 1..=5 {
+            fooled_at_first.observe(echo(k * 200_000, 0, 1_000, 1_000));
+        }
+        assert_eq!(fooled_at_first.offset(), Some(Span::ZERO));
+    }
+
+    #[test]
+    fn a_step_either_way_is_unknown_time_until_four_echoes_of_after_it() {
+        for step_us in [-5_000_000, -20_000, 20_000, 5_000_000] {
+            let mut clock = known(300);
+            let ahead_us = 300 + step_us;
+            let after = |k: i64| echo(10_000_000 + k * 200_000, ahead_us, 1_000, 1_000);
+            let observed = [0, 1, 2, 3].map(|k| (clock.observe(after(k)), clock.offset()));
+            let (before, new) = (Some(Span::micros(300)), Some(Span::micros(ahead_us)));
+            assert_eq!(
+                observed,
+                [
+                    (Observed::Doubted, before),
+                    (Observed::Stepped, None),
+                    (Observed::Taken, None),
+                    (Observed::Taken, new),
+                ]
+            );
+            assert_eq!(clock.steps(), 1);
+        }
+    }
+
+    #[test]
+    fn a_clock_that_is_slewed_fast_is_not_held_to_what_it_was() {
+        let mut clock = known(0);
+        // 80 ms a second: no two echoes agree.
+        for k in 0..50 {
+            clock.observe(echo(10_000_000 + k * 200_000, k * 16_000, 1_000, 1_000));
+        }
+        let held = clock.best.unwrap().offset;
+        let error = held - Span::micros(49 * 16_000);
+        assert!(error.abs() < Span::millis(100), "{error:?}");
+        assert!(clock.steps() > 0);
     }
 }

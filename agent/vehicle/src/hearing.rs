@@ -10,9 +10,10 @@ use skein_proto::status::Status;
 
 use crate::clock::{FourStamps, PeerStamp};
 use crate::input::PacketKey;
-use crate::neighbours::{Boot, EXCHANGES_MAX, HeardExchange, Neighbour, Neighbours};
+use crate::neighbours::{EXCHANGES_MAX, HeardExchange, Neighbour, Neighbours};
 use crate::refused::Refused;
 use crate::rounds::Horizon;
+use crate::sequence::{Kind, Novelty};
 use crate::speaking::SentStamps;
 use crate::translate;
 
@@ -25,6 +26,7 @@ const AHEAD_MAX: Span = Span::secs(1);
 /// What listening needs to know of this vehicle.
 pub(crate) struct Listener<'a> {
     pub(crate) me: Name,
+    pub(crate) boot: u64,
     pub(crate) period: Span,
     pub(crate) horizon: Horizon,
     pub(crate) sent: &'a SentStamps,
@@ -49,12 +51,12 @@ impl Listener<'_> {
     ) -> Result<Option<Heard>, Refused> {
         let from = key.from();
         if from == self.me {
-            // Our own name in another process: the liveliness tokens tell of it; its packets are not ours to use.
-            return Err(Refused::Duplicate);
+            return Err(self.hear_namesake(now, neighbours, key, bytes));
         }
         let neighbour = neighbours.entry(from).ok_or(Refused::Full)?;
         neighbour.counts.bytes += bytes.len() as u64;
         neighbour.counts.rate.count(now);
+        let were_duplicates = neighbour.is_duplicated();
         let outcome = match key {
             PacketKey::Exchange { to, .. } if to != self.me => Err(Refused::NotForMe),
             PacketKey::Exchange { .. } => self.hear_exchange(now, from, neighbour, bytes).map(Some),
@@ -62,20 +64,55 @@ impl Listener<'_> {
                 self.hear_record(now, from, neighbour, bytes).map(|()| None)
             }
         };
-        match outcome {
+        let are_duplicates = neighbour.is_duplicated();
+        let heard = match outcome {
             Ok(round) => {
-                neighbour.counts.accepted.count(if round.is_some() {
-                    "exchange"
-                } else {
-                    "odometry"
-                });
-                Ok(round.map(|round| Heard { from, round }))
+                let kind = round.map_or(Kind::Odometry, |_| Kind::Exchange);
+                neighbour.counts.accepted.count(kind.word());
+                round.map(|round| Heard { from, round })
             }
             Err(why) => {
                 neighbour.counts.refused.refuse(&why);
-                Ok(None)
+                None
             }
+        };
+        neighbours.alarmed |= are_duplicates && !were_duplicates;
+        Ok(heard)
+    }
+
+    /// A packet under this vehicle's own name: of the process before this one, or of a duplicate. Nothing of it is
+    /// used.
+    fn hear_namesake(
+        &self,
+        now: Stamp,
+        neighbours: &mut Neighbours,
+        key: PacketKey,
+        bytes: &[u8],
+    ) -> Refused {
+        let opened = match key {
+            PacketKey::Exchange { .. } => {
+                open::<Exchange>(self.me, bytes).map(|(head, _)| (Kind::Exchange, head))
+            }
+            PacketKey::Odometry { .. } => {
+                open::<RoundRecord>(self.me, bytes).map(|(head, _)| (Kind::Odometry, head))
+            }
+        };
+        let (kind, head) = match opened {
+            Ok(opened) => opened,
+            Err(why) => return why,
+        };
+        if head.boot == self.boot {
+            return Refused::Duplicate;
         }
+        let known = neighbours.namesakes.alive(now).is_some();
+        if !neighbours
+            .namesakes
+            .note(now, head.boot, kind, head.sequence)
+        {
+            return Refused::OldBoot;
+        }
+        neighbours.alarmed |= !known;
+        Refused::DuplicateId
     }
 
     fn hear_exchange(
@@ -86,21 +123,15 @@ impl Listener<'_> {
         bytes: &[u8],
     ) -> Result<i64, Refused> {
         let (envelope, exchange) = open::<Exchange>(from, bytes)?;
-        let boot = neighbour.boot(envelope.boot);
-        self.note(
-            now,
-            boot,
-            "exchange",
-            &envelope,
-            exchange.sent_ns,
-            exchange.echo.as_ref(),
-        );
-        if !neighbour.is_current(envelope.boot) {
-            return Err(Refused::OldBoot);
-        }
+        let instant = plausible(envelope.taken_ns, exchange.sent_ns)?;
+        let echo = exchange.echo.as_ref();
+        let said = Said::new(Kind::Exchange, &envelope, exchange.sent_ns, echo);
+        self.admit(now, neighbour, &said)?;
         let boot = neighbour.boot(envelope.boot);
         boot.status = Status::from_code(exchange.status);
-        let instant = plausible(envelope.taken_ns, exchange.sent_ns)?;
+        if boot.is_before_step(instant) {
+            return Err(Refused::TooLate);
+        }
         let round = boot
             .round_of(instant, self.period)
             .ok_or(Refused::ClockUnknown)?;
@@ -146,35 +177,28 @@ impl Listener<'_> {
             heard_ns: echo.heard_ns,
             received_ns: echo.received_ns,
         });
-        let boot = neighbour.boot(envelope.boot);
-        self.note(
-            now,
-            boot,
-            "odometry",
-            &envelope,
-            record.sent_ns,
-            echo.as_ref(),
-        );
-        if !neighbour.is_current(envelope.boot) {
-            return Err(Refused::OldBoot);
-        }
+        let newest = plausible(envelope.taken_ns, record.sent_ns)?;
+        let said = Said::new(Kind::Odometry, &envelope, record.sent_ns, echo.as_ref());
+        self.admit(now, neighbour, &said)?;
         let boot = neighbour.boot(envelope.boot);
         boot.status = Status::from_code(record.status);
         boot.period = Some(Span::micros(i64::from(record.period_us)));
         if let Some(mount) = &record.body_from_target {
             boot.body_from_target = translate::transform(mount)?;
         }
-        let newest = plausible(envelope.taken_ns, record.sent_ns)?;
         let mine = boot.clock.to_mine(newest).ok_or(Refused::ClockUnknown)?;
         if mine - now > AHEAD_MAX {
             return Err(Refused::FromTheFuture);
         }
-        if now - mine > CONTENT_AGE_MAX {
+        if now - mine > CONTENT_AGE_MAX || boot.is_before_step(newest) {
             return Err(Refused::TooLate);
         }
         for round in &record.rounds {
             let back = Span::micros(i64::from(record.period_us)) * i64::from(round.back);
             let instant = newest.plus(-back);
+            if boot.is_before_step(instant) {
+                continue;
+            }
             boot.track.insert(translate::odometry_point(
                 round,
                 instant.on_its_own_clock(),
@@ -183,44 +207,77 @@ impl Listener<'_> {
         Ok(())
     }
 
-    /// Notes that a boot was heard, and the echo that a packet brings. A repeated or replayed packet (its sequence does
-    /// not rise) says nothing of the present.
-    fn note(
-        &self,
-        now: Stamp,
-        boot: &mut Boot,
-        kind: &'static str,
-        envelope: &Envelope,
-        sent_ns: i64,
-        echo: Option<&Echo>,
-    ) {
-        if boot
-            .sequences
-            .get(kind)
-            .is_some_and(|last| envelope.sequence <= *last)
-        {
-            return;
-        }
-        boot.sequences.insert(kind, envelope.sequence);
-        boot.heard_at = Some(now);
-        boot.to_echo = Some(Echo {
-            heard_ns: sent_ns,
-            received_ns: now.as_nanos(),
+    /// The door: who speaks, is it new, does it prove that its sender is alive, and is that one the vehicle? A packet
+    /// that is refused here leaves no trace in what is known of the vehicle, but for its proof of life.
+    fn admit(&self, now: Stamp, neighbour: &mut Neighbour, said: &Said) -> Result<(), Refused> {
+        // An echo proves that this boot is alive now only if the stamp in it is one of ours, and newer than the last.
+        let ours = said.echo.as_ref().filter(|echo| {
+            let sent = Stamp::from_nanos(echo.heard_ns);
+            let known = neighbour.known_boot(said.boot);
+            self.sent.contains(sent) && known.is_none_or(|boot| boot.life.would_prove(sent))
         });
-        let Some(echo) = echo else { return };
-        let sent = Stamp::from_nanos(echo.heard_ns);
-        // An echo proves that this boot is alive now only if the stamp in it is one of ours.
-        if !self.sent.contains(sent) {
-            return;
+        if ours.is_none() {
+            // The times of a packet with such an echo may show that a clock stepped; of any other they must fit.
+            let known = neighbour.known_boot(said.boot);
+            let mine = known.and_then(|boot| boot.clock.to_mine(said.sent));
+            match mine.map_or(Span::ZERO, |mine| now - mine) {
+                age if age < -AHEAD_MAX => return Err(Refused::FromTheFuture),
+                age if age > CONTENT_AGE_MAX => return Err(Refused::TooLate),
+                _ => {}
+            }
         }
-        let stamps = FourStamps {
-            sent,
-            heard: PeerStamp::from_nanos(echo.received_ns),
-            echoed: PeerStamp::from_nanos(sent_ns),
-            received: now,
-        };
-        if boot.clock.observe(stamps) {
-            boot.echoed_at = Some(now);
+        let boot = neighbour.boot(said.boot);
+        let novelty = boot
+            .sequences
+            .take(said.kind, said.sequence, ours.is_some());
+        match novelty {
+            Novelty::Repeated => return Err(Refused::Duplicate),
+            Novelty::Astray => return Err(Refused::OutOfSequence),
+            Novelty::Late | Novelty::New => {}
+        }
+        let is_new = novelty == Novelty::New;
+        if let Some(echo) = ours.filter(|_| is_new) {
+            boot.life.prove(now, Stamp::from_nanos(echo.heard_ns));
+        }
+        neighbour.judge(now, said.boot)?;
+        if is_new {
+            let boot = neighbour.boot(said.boot);
+            boot.heard_at = Some(now);
+            boot.to_echo = Some(Echo {
+                heard_ns: said.sent.on_its_own_clock().as_nanos(),
+                received_ns: now.as_nanos(),
+            });
+            if let Some(echo) = ours {
+                boot.observe(FourStamps {
+                    sent: Stamp::from_nanos(echo.heard_ns),
+                    heard: PeerStamp::from_nanos(echo.received_ns),
+                    echoed: said.sent,
+                    received: now,
+                });
+            }
+        }
+        neighbour.settle(now, said.boot);
+        neighbour.is_in_office(said.boot)
+    }
+}
+
+/// What a packet of either kind says of itself.
+struct Said {
+    kind: Kind,
+    boot: u64,
+    sequence: u32,
+    sent: PeerStamp,
+    echo: Option<Echo>,
+}
+
+impl Said {
+    fn new(kind: Kind, envelope: &Envelope, sent_ns: i64, echo: Option<&Echo>) -> Self {
+        Self {
+            kind,
+            boot: envelope.boot,
+            sequence: envelope.sequence,
+            sent: PeerStamp::from_nanos(sent_ns),
+            echo: echo.copied(),
         }
     }
 }

@@ -12,14 +12,15 @@ use skein_proto::measured::Measured;
 use skein_proto::name::Name;
 use skein_proto::status::Status;
 
-use crate::clock::{PeerClock, PeerStamp};
+use crate::clock::{FourStamps, Observed, PeerClock, PeerStamp};
 use crate::counters::{Counters, Rate};
+use crate::duplicates::{BOOTS_MAX, HANDOVER, Life, Namesakes, SILENCE};
+use crate::refused::Refused;
+use crate::sequence::Sequences;
 use crate::trust::Trust;
 
 /// Vehicles known at most; the ones beyond are counted and ignored.
 pub(crate) const NEIGHBOURS_MAX: usize = 64;
-/// Boots of one vehicle known at most.
-const BOOTS_MAX: usize = 4;
 /// Rounds of exchanges kept of one neighbour.
 pub(crate) const EXCHANGES_MAX: usize = 16;
 /// How long a measurement, either way, makes a neighbour a partner of the exchange.
@@ -29,12 +30,20 @@ const PARTNER_FOR: Span = Span::secs(2);
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Neighbours {
     vehicles: BTreeMap<Name, Neighbour>,
+    /// Others who bear this vehicle's own name.
+    pub(crate) namesakes: Namesakes,
+    /// Whether something was found that the health should tell at once.
+    pub(crate) alarmed: bool,
 }
 
 /// One other vehicle.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Neighbour {
     boots: Vec<Boot>,
+    /// The boot that is the vehicle.
+    in_office: Option<u64>,
+    /// Boots that are refused because more than one of them is alive.
+    duplicates: Vec<u64>,
     pub(crate) counts: Counts,
     /// When this vehicle last measured it.
     pub(crate) measured_at: Option<Stamp>,
@@ -72,11 +81,14 @@ pub(crate) struct Boot {
     pub(crate) id: u64,
     pub(crate) token: bool,
     pub(crate) clock: PeerClock,
+    /// Its echoes as proof that it is alive.
+    pub(crate) life: Life,
+    pub(crate) sequences: Sequences,
     pub(crate) heard_at: Option<Stamp>,
-    pub(crate) echoed_at: Option<Stamp>,
     /// The newest packet of it, for it to learn our clock.
     pub(crate) to_echo: Option<Echo>,
-    pub(crate) sequences: BTreeMap<&'static str, u32>,
+    /// Since its clock stepped: whatever is older is of another clock.
+    pub(crate) stepped_at: Option<PeerStamp>,
     pub(crate) status: Option<Status>,
     pub(crate) period: Option<Span>,
     pub(crate) body_from_target: Transform<Body, Sensor>,
@@ -158,37 +170,131 @@ impl Neighbours {
 }
 
 impl Neighbour {
-    /// The boot that counts: of those that echoed a stamp of ours, the one that did so last; before any has, the one
-    /// heard last.
+    /// The boot that is the vehicle.
     pub(crate) fn current(&self) -> Option<&Boot> {
         self.boots
             .iter()
-            .max_by_key(|boot| (boot.echoed_at, boot.heard_at, boot.token))
+            .find(|boot| self.in_office == Some(boot.id))
     }
 
-    pub(crate) fn is_current(&self, boot: u64) -> bool {
-        self.current().is_some_and(|current| current.id == boot)
+    /// Whether a boot is the vehicle, and if not, why.
+    pub(crate) fn is_in_office(&self, boot: u64) -> Result<(), Refused> {
+        let counts_since = |boot: &Boot| boot.life.counts_since();
+        match (self.current(), self.known_boot(boot).and_then(counts_since)) {
+            (Some(current), _) if current.id == boot => Ok(()),
+            (_, None) => Err(Refused::UnprovenBoot),
+            (Some(current), since) if since < counts_since(current) => Err(Refused::OldBoot),
+            _ => Err(Refused::NewBoot),
+        }
     }
 
-    /// The boot of that id, made if it is new; the one heard longest ago makes room.
+    /// The boot of that id, if it is known.
+    pub(crate) fn known_boot(&self, id: u64) -> Option<&Boot> {
+        self.boots.iter().find(|boot| boot.id == id)
+    }
+
+    /// The boot of that id, made if it is new; the one that proved itself longest ago, or never, makes room.
     pub(crate) fn boot(&mut self, id: u64) -> &mut Boot {
         let at = match self.boots.iter().position(|boot| boot.id == id) {
             Some(at) => at,
             None => {
                 if self.boots.len() >= BOOTS_MAX {
-                    let oldest = self
+                    let worth = |boot: &Boot| {
+                        let in_office = self.in_office == Some(boot.id);
+                        (in_office, boot.life.last(), boot.token, boot.heard_at)
+                    };
+                    let least = self
                         .boots
                         .iter()
                         .enumerate()
-                        .min_by_key(|(_, boot)| (boot.echoed_at, boot.token, boot.heard_at));
-                    let oldest = oldest.map_or(0, |(at, _)| at);
-                    self.boots.remove(oldest);
+                        .min_by_key(|(_, boot)| worth(boot));
+                    let least = least.map_or(0, |(at, _)| at);
+                    self.boots.remove(least);
                 }
                 self.boots.push(Boot::new(id));
                 self.boots.len() - 1
             }
         };
         &mut self.boots[at]
+    }
+
+    /// Says who of the boots is the vehicle, after `heard` was heard. A boot counts once it has proved that it is
+    /// alive, and the one in office stays until a newer one counts and it has left: its token is gone, or it is silent
+    /// while the newer one has told its clock. So an intruder finds the place taken until both are found out, and a
+    /// process that is started again under the token of a dead one waits for no more than its own echoes.
+    pub(crate) fn settle(&mut self, now: Stamp, heard: u64) {
+        let Some(challenger) = self.known_boot(heard) else {
+            return;
+        };
+        let takes_over = match self.current() {
+            None => true,
+            Some(current) if current.id == heard => false,
+            Some(current) => match (current.life.counts_since(), challenger.life.counts_since()) {
+                // Nobody has proved anything: whoever speaks, and of two, who is announced.
+                (None, None) => challenger.token || !current.token,
+                (None, Some(_)) => true,
+                (Some(_), None) => false,
+                (Some(old), Some(new)) if new > old => {
+                    let known = challenger.clock.is_known();
+                    !current.token || (known && current.life.is_silent(now, HANDOVER))
+                }
+                // A paused process comes back after the one that took its place has gone.
+                (Some(_), Some(_)) => current.life.is_silent(now, SILENCE),
+            },
+        };
+        if takes_over {
+            self.in_office = Some(heard);
+        }
+    }
+
+    /// Whether a packet of this boot is refused because two boots of this name are alive. Both are refused until no
+    /// more than one is left, which begins again as if it were new.
+    pub(crate) fn judge(&mut self, now: Stamp, heard: u64) -> Result<(), Refused> {
+        if self.duplicates.is_empty() {
+            let Some(life) = self.known_boot(heard).map(|boot| boot.life) else {
+                return Ok(());
+            };
+            let newer = self
+                .boots
+                .iter()
+                .filter(|boot| life.outlives(&boot.life, now));
+            self.duplicates = newer.map(|boot| boot.id).collect();
+            if self.duplicates.is_empty() {
+                return Ok(());
+            }
+            self.duplicates.insert(0, heard);
+            return Err(Refused::DuplicateId);
+        }
+        let lives = |boot: &&Boot| !boot.life.is_silent(now, SILENCE);
+        if let Some(third) = self.known_boot(heard).filter(lives).map(|boot| boot.id)
+            && !self.duplicates.contains(&third)
+        {
+            self.duplicates.push(third);
+        }
+        if self.living_duplicates(now).count() > 1 {
+            return Err(Refused::DuplicateId);
+        }
+        let survivor = self.living_duplicates(now).next();
+        let gone = std::mem::take(&mut self.duplicates);
+        self.boots
+            .retain(|boot| Some(boot.id) == survivor || !gone.contains(&boot.id));
+        if let Some(boot) = self.boots.iter_mut().find(|boot| Some(boot.id) == survivor) {
+            boot.begin_again();
+        }
+        self.in_office = survivor;
+        Ok(())
+    }
+
+    pub(crate) const fn is_duplicated(&self) -> bool {
+        !self.duplicates.is_empty()
+    }
+
+    fn living_duplicates(&self, now: Stamp) -> impl Iterator<Item = u64> {
+        self.boots
+            .iter()
+            .filter(move |boot| self.duplicates.contains(&boot.id))
+            .filter(move |boot| !boot.life.is_silent(now, SILENCE))
+            .map(|boot| boot.id)
     }
 
     /// A token is gone. A boot that is not known stays unknown.
@@ -206,18 +312,19 @@ impl Neighbour {
         self.boots.iter().filter_map(|boot| boot.heard_at).max()
     }
 
-    /// The newest packet of any boot, to be echoed.
+    /// The newest packet, to be echoed: of a boot that counts, or before any does, of one that is announced. The many
+    /// that a stranger may claim to be take nobody's turn.
     pub(crate) fn to_echo(&self) -> Option<Echo> {
         self.boots
             .iter()
-            .max_by_key(|boot| boot.heard_at)
+            .filter(|boot| boot.token || boot.life.counts_since().is_some())
+            .max_by_key(|boot| (boot.life.counts_since().is_some(), boot.heard_at))
             .and_then(|boot| boot.to_echo)
     }
 
     pub(crate) fn is_present(&self, now: Stamp, timeout: Span) -> bool {
-        self.boots
-            .iter()
-            .any(|boot| boot.token && boot.heard_at.is_some_and(|heard| now - heard <= timeout))
+        self.current()
+            .is_some_and(|boot| boot.token && boot.heard_at.is_some_and(|at| now - at <= timeout))
     }
 
     /// Whether it was measured, or measured us, so lately that it is told everything each round.
@@ -245,6 +352,15 @@ impl Neighbour {
         })
     }
 
+    /// The boots that are refused, while more than one of them is alive.
+    fn duplicate_boots(&self, now: Stamp) -> Vec<String> {
+        let living: Vec<u64> = self.living_duplicates(now).collect();
+        if living.len() < 2 {
+            return Vec::new();
+        }
+        living.into_iter().map(boot_text).collect()
+    }
+
     pub(crate) fn to_document(&self, now: Stamp, period: Span, timeout: Span) -> NeighbourHealth {
         let current = self.current();
         NeighbourHealth {
@@ -259,6 +375,10 @@ impl Neighbour {
             clock_offset_s: current
                 .and_then(|boot| boot.clock.offset())
                 .map(Span::as_secs_f64),
+            clock_error_s: current
+                .and_then(|boot| boot.clock.error_bound(now))
+                .map(Span::as_secs_f64),
+            clock_stepped: current.map_or(0, |boot| boot.clock.steps()),
             round_trip_s: current
                 .and_then(|boot| boot.clock.round_trip())
                 .map(Span::as_secs_f64),
@@ -277,6 +397,7 @@ impl Neighbour {
             quarantines: self.counts.quarantines,
             refused: self.counts.refused.to_document(),
             bytes: self.counts.bytes,
+            duplicate_boots: self.duplicate_boots(now),
         }
     }
 }
@@ -287,10 +408,11 @@ impl Boot {
             id,
             token: false,
             clock: PeerClock::default(),
+            life: Life::default(),
+            sequences: Sequences::default(),
             heard_at: None,
-            echoed_at: None,
             to_echo: None,
-            sequences: BTreeMap::new(),
+            stepped_at: None,
             status: None,
             period: None,
             body_from_target: Transform::identity(),
@@ -298,6 +420,31 @@ impl Boot {
             exchanges: BTreeMap::new(),
             last_round: None,
         }
+    }
+
+    /// Forgets all but who it is and that it lives.
+    fn begin_again(&mut self) {
+        *self = Self {
+            token: self.token,
+            life: self.life,
+            sequences: self.sequences,
+            ..Self::new(self.id)
+        };
+    }
+
+    /// Takes the four stamps of an echo. What it said before a step of its clock, or of ours, was of another time.
+    pub(crate) fn observe(&mut self, stamps: FourStamps) {
+        if self.clock.observe(stamps) == Observed::Stepped {
+            self.stepped_at = Some(stamps.echoed);
+            self.track = Track::new();
+            self.exchanges.clear();
+            self.last_round = None;
+        }
+    }
+
+    /// Whether an instant lies before the last step of its clock.
+    pub(crate) fn is_before_step(&self, instant: PeerStamp) -> bool {
+        self.stepped_at.is_some_and(|stepped| instant < stepped)
     }
 
     /// Its odometry at an instant of its own clock.
@@ -331,18 +478,24 @@ impl Boot {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clock::{ECHOES_MIN, FourStamps};
+
+    impl Neighbour {
+        fn is_current(&self, boot: u64) -> bool {
+            self.is_in_office(boot).is_ok()
+        }
+    }
+    use crate::clock::ECHOES_MIN;
 
     fn set_clock(boot: &mut Boot, offset_ms: i64) {
         for _ in 0..ECHOES_MIN {
             let peer = PeerStamp::from_nanos(offset_ms * 1_000_000);
             let now = Stamp::default();
-            assert!(boot.clock.observe(FourStamps {
+            boot.observe(FourStamps {
                 sent: now,
                 heard: peer,
                 echoed: peer,
-                received: now
-            }));
+                received: now,
+            });
         }
     }
 
@@ -360,18 +513,87 @@ mod tests {
         assert!(steps.iter().all(|step| *step == 1), "{rounds:?}");
     }
 
+    fn at(millis: i64) -> Stamp {
+        Stamp::default() + Span::millis(millis)
+    }
+
+    /// A boot names a stamp that was just sent.
+    fn proof(neighbour: &mut Neighbour, boot: u64, millis: i64) -> Result<(), Refused> {
+        let proven = neighbour.boot(boot);
+        proven.life.prove(at(millis), at(millis - 10));
+        let verdict = neighbour.judge(at(millis), boot);
+        neighbour.settle(at(millis), boot);
+        verdict
+    }
+
     #[test]
-    fn the_boot_that_echoed_last_counts_and_a_silent_one_makes_room() {
+    fn a_boot_that_proves_nothing_never_takes_the_place_of_one_that_did() {
         let mut neighbour = Neighbour::default();
-        neighbour.boot(1).echoed_at = Some(Stamp::from_nanos(5));
-        neighbour.boot(2).heard_at = Some(Stamp::from_nanos(9));
-        assert!(neighbour.is_current(1), "heard is not enough");
-        neighbour.boot(2).echoed_at = Some(Stamp::from_nanos(9));
-        assert!(neighbour.is_current(2));
-        for id in 3..=7 {
-            neighbour.boot(id);
+        proof(&mut neighbour, 1, 0).unwrap();
+        for id in 2..10_000 {
+            neighbour.boot(id).heard_at = Some(at(9));
+            neighbour.settle(at(10_000), id);
         }
+        assert_eq!(neighbour.is_in_office(9_999), Err(Refused::UnprovenBoot));
+        assert!(neighbour.is_current(1));
         assert_eq!(neighbour.boots.len(), BOOTS_MAX);
+    }
+
+    #[test]
+    fn when_the_token_of_the_one_in_office_is_gone_the_next_proof_takes_over() {
+        let mut neighbour = Neighbour::default();
+        neighbour.boot(1).token = true;
+        proof(&mut neighbour, 1, 0).unwrap();
+        proof(&mut neighbour, 2, 100).unwrap();
+        assert!(neighbour.is_current(1));
+        neighbour.lose_token(1);
+        proof(&mut neighbour, 2, 300).unwrap();
         assert!(neighbour.is_current(2));
+    }
+
+    #[test]
+    fn under_a_lingering_token_the_next_one_takes_over_once_its_clock_is_known() {
+        let mut neighbour = Neighbour::default();
+        neighbour.boot(1).token = true;
+        proof(&mut neighbour, 1, 0).unwrap();
+        set_clock(neighbour.boot(2), 0);
+        proof(&mut neighbour, 2, 499).unwrap();
+        assert!(neighbour.is_current(1), "it may only be late");
+        proof(&mut neighbour, 2, 500).unwrap();
+        assert!(neighbour.is_current(2));
+        assert_eq!(proof(&mut neighbour, 1, 1_000), Err(Refused::DuplicateId));
+    }
+
+    #[test]
+    fn duplicates_are_refused_until_one_has_been_silent_for_five_seconds() {
+        let mut neighbour = Neighbour::default();
+        neighbour.boot(1).token = true;
+        proof(&mut neighbour, 1, 0).unwrap();
+        proof(&mut neighbour, 2, 100).unwrap();
+        proof(&mut neighbour, 1, 500).unwrap();
+        assert_eq!(proof(&mut neighbour, 1, 600), Err(Refused::DuplicateId));
+        assert_eq!(proof(&mut neighbour, 2, 700), Err(Refused::DuplicateId));
+        // A third one is one more.
+        assert_eq!(proof(&mut neighbour, 3, 800), Err(Refused::DuplicateId));
+        assert_eq!(neighbour.duplicate_boots(at(800)).len(), 3);
+        for millis in (1_000..5_800).step_by(200) {
+            assert_eq!(proof(&mut neighbour, 1, millis), Err(Refused::DuplicateId));
+        }
+        assert_eq!(proof(&mut neighbour, 1, 5_800), Ok(()));
+        assert!(neighbour.is_current(1) && neighbour.duplicate_boots(at(5_800)).is_empty());
+        // The intruder was only out of reach.
+        proof(&mut neighbour, 2, 6_000).unwrap();
+        assert_eq!(proof(&mut neighbour, 1, 6_600), Err(Refused::DuplicateId));
+    }
+
+    #[test]
+    fn a_process_that_was_paused_comes_back_when_the_one_in_its_place_has_gone() {
+        let mut neighbour = Neighbour::default();
+        proof(&mut neighbour, 1, 0).unwrap();
+        proof(&mut neighbour, 2, 1_000).unwrap();
+        proof(&mut neighbour, 2, 1_200).unwrap();
+        assert!(neighbour.is_current(2));
+        proof(&mut neighbour, 1, 6_200).unwrap();
+        assert!(neighbour.is_current(1));
     }
 }

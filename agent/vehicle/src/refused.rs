@@ -14,6 +14,16 @@ pub(crate) enum Refused {
     NotForMe,
     /// The packet is from a boot that no longer counts.
     OldBoot,
+    /// The packet is from a boot that has not proved that it is alive: a new one, a recording, or nobody.
+    UnprovenBoot,
+    /// The packet is from a boot whose predecessor has not yet left.
+    NewBoot,
+    /// Two processes of this name are alive.
+    DuplicateId,
+    /// A token of this vehicle's own name and another boot: of the process before this one, or of a duplicate.
+    NamesakeToken,
+    /// Its number is too far from any that is expected of its sender.
+    OutOfSequence,
     /// This boot has not yet echoed a stamp of ours often enough to know its clock.
     ClockUnknown,
     /// Its round is solved already, or it lies too far back.
@@ -56,6 +66,11 @@ impl Refused {
             Self::WrongHash => "wrong_hash",
             Self::NotForMe => "not_for_me",
             Self::OldBoot => "old_boot",
+            Self::UnprovenBoot => "unproven_boot",
+            Self::NewBoot => "new_boot",
+            Self::DuplicateId => "duplicate_id",
+            Self::NamesakeToken => "namesake_token",
+            Self::OutOfSequence => "out_of_sequence",
             Self::ClockUnknown => "clock_unknown",
             Self::TooLate => "too_late",
             Self::FromTheFuture => "from_the_future",

@@ -294,6 +294,7 @@ impl Vehicle {
                 })
                 .collect(),
             refused: self.refused.to_document(),
+            namesake_boot: self.neighbours.namesakes.alive(now).map(boot_text),
             process: None,
         };
         self.outputs.push_back(Output::Health(Box::new(document)));

@@ -204,6 +204,7 @@ impl Vehicle {
     fn take_packet(&mut self, now: Stamp, key: PacketKey, bytes: &[u8]) {
         let listener = Listener {
             me: self.config.vehicle,
+            boot: self.config.boot,
             period: self.config.period,
             horizon: self.rounds.horizon(now),
             sent: &self.speech.sent,
@@ -212,6 +213,9 @@ impl Vehicle {
             Ok(Some(heard)) => self.answer(now, heard),
             Ok(None) => {}
             Err(why) => self.refused.refuse(&why),
+        }
+        if std::mem::take(&mut self.neighbours.alarmed) {
+            self.report_health(now);
         }
     }
 
@@ -236,7 +240,7 @@ impl Vehicle {
     fn note_token(&mut self, vehicle: Name, boot: u64, present: bool) {
         if vehicle == self.config.vehicle {
             if boot != self.config.boot && present {
-                self.refused.refuse(&Refused::Duplicate);
+                self.refused.refuse(&Refused::NamesakeToken);
             }
             return;
         }
