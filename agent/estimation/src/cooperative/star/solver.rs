@@ -447,3 +447,30 @@ fn moved(node: &Node, step: &Vector6<f64>) -> Node {
         &step.fixed_rows::<3>(3).into_owned(),
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cooperative::star::tests::robust;
+
+    #[test]
+    fn along_the_gradient_the_robust_cost_falls_by_its_square() {
+        let star = robust::crowd(7, 1.0);
+        let mut workspace = StarWorkspace::new();
+        let mut problem = StarProblem::new(&star, &mut workspace);
+        let at_prior = problem.linearise();
+        assert_eq!(problem.gradient(), at_prior);
+        let norm = problem.gradient_norm();
+        let step = 1e-6;
+        problem.try_descent(-step);
+        let up = problem.trial_cost();
+        problem.try_descent(step);
+        let slope = (up - problem.trial_cost()) / (2.0 * step);
+        assert!(norm > 0.01, "the priors are no minimum");
+        assert!(
+            (slope - norm * norm).abs() < 1e-6 * norm * norm,
+            "{slope}, {}",
+            norm * norm
+        );
+    }
+}
