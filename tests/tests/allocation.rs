@@ -4,7 +4,7 @@
 
 use nalgebra::Vector3;
 use skein_estimation::cooperative::{
-    Contact, Measurement, Noise, Optimiser, SolveStatus, Star, StarWorkspace,
+    Contact, Measurement, Mode, Noise, Optimiser, Robust, SolveStatus, Star, StarWorkspace,
 };
 use skein_estimation::{Transform, so3};
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -107,6 +107,23 @@ fn a_round_of_four_neighbours_allocates_nothing_with_either_optimiser() {
         let allocations = allocations_of(|| {
             for _ in 0..10 {
                 round(&mut star, &mut workspace, &optimiser, 4);
+            }
+        });
+        assert_eq!(allocations, 0, "{optimiser:?}");
+    }
+}
+
+#[test]
+fn a_round_that_judges_its_measurements_allocates_nothing() {
+    for optimiser in [Optimiser::gauss_newton(), Optimiser::descent()] {
+        let mut star = Star::new(Transform::identity())
+            .unwrap()
+            .in_mode(Mode::Star(Robust::DEFAULT));
+        let mut workspace = StarWorkspace::new();
+        let allocations = allocations_of(|| {
+            for _ in 0..3 {
+                round(&mut star, &mut workspace, &optimiser, 4);
+                assert_eq!(star.verdicts(&workspace).count(), 8);
             }
         });
         assert_eq!(allocations, 0, "{optimiser:?}");

@@ -1,9 +1,12 @@
 //! How well a vehicle keeps in contact with one neighbour, or with its fixes: by how much more than usual their poses
 //! may have drifted apart. It is the factor by which the kernel's scale is widened.
+//!
+//! It is kept for each neighbour by itself: a vehicle in contact with its own half of a team that was split would else
+//! refuse the other half's correct measurements when they meet again.
 
 use super::kernel::Kernel;
 
-/// The widest factor: beyond it the floor of 0.3 m has become 60 m, and nothing is refused that could be used.
+/// The widest factor: the default floor of 0.2 m has then become 40 m.
 pub const WIDEST: f64 = 200.0;
 
 /// The widening of the kernel for one neighbour, from 1 (in contact) to [`WIDEST`].

@@ -6,7 +6,7 @@
 
 use nalgebra::{Matrix3, Matrix6, SMatrix, UnitQuaternion, Vector3, Vector6};
 
-use super::kernel::{Disagreement, Scale, Shares};
+use super::kernel::{Disagreement, Judged, Scale};
 use super::measurement::{
     COINCIDENT_BELOW_M, End, Gradient, Jacobian, Kind, Measurement, Noise, Orientation, Position,
 };
@@ -205,13 +205,15 @@ impl Edge {
         }
     }
 
-    /// What the kernel of `scale` leaves of [`Edge::cost`], and of each of its parts in the normal equations.
-    pub(super) fn robust_cost(&self, scale: &Scale, from: &Node, to: &Node) -> (f64, Shares) {
-        let disagreement = self.disagreement(from, to);
-        let (rotation, translation) = scale.costs(&disagreement);
-        let cost =
-            self.weight.of_rotation() * rotation + self.weight.of_translation() * translation;
-        (cost, scale.shares(&disagreement))
+    /// What the kernel of `scale` makes of the edge.
+    pub(super) fn judged(&self, scale: &Scale, from: &Node, to: &Node) -> Judged {
+        let apart = self.disagreement(from, to);
+        let cost = |apart: &Disagreement| {
+            self.weight.of_rotation() * apart.rotation_rad.map_or(0.0, |angle| angle * angle)
+                + self.weight.of_translation()
+                    * apart.translation_m.map_or(0.0, |length| length * length)
+        };
+        Judged::new(cost(&apart), cost(&scale.of_the_parts(&apart)))
     }
 
     /// The standard deviations, in rad and m, of the residual at the given nodes by the measurement's own noise.
@@ -289,20 +291,20 @@ impl Edge {
         to_node: &Node,
         normal: &mut Sums<'_>,
     ) -> f64 {
-        self.add_linearised_shares(from_node, to_node, Shares::WHOLE, normal)
+        self.add_share_linearised(from_node, to_node, 1.0, normal)
     }
 
-    /// As [`Edge::add_linearised`], of each part only that share (iteratively reweighted least squares).
-    pub(super) fn add_linearised_shares(
+    /// As [`Edge::add_linearised`], with that share of the weight (iteratively reweighted least squares).
+    pub(super) fn add_share_linearised(
         &self,
         from_node: &Node,
         to_node: &Node,
-        shares: Shares,
+        share: f64,
         normal: &mut Sums<'_>,
     ) -> f64 {
         let (rotation, translation) = (
-            shares.rotation * self.weight.of_rotation(),
-            shares.translation * self.weight.of_translation(),
+            share * self.weight.of_rotation(),
+            share * self.weight.of_translation(),
         );
         let relative = from_node.rotation.inverse() * to_node.rotation;
         let from_from_to = relative.to_rotation_matrix().into_inner();
@@ -313,7 +315,8 @@ impl Edge {
                 let by_from = through(&by.from, &self.from_offset, from_node);
                 let by_to = through(&by.to, &self.to_offset, to_node);
                 let residual = pose.twist_residual(&from, &to);
-                normal.add_information(information, &residual, &by_from, &by_to);
+                let information = share * information;
+                normal.add_information(&information, &residual, &by_from, &by_to);
                 residual.dot(&(information * residual))
             }
             (_, Measurement::Pose(pose)) => {

@@ -234,3 +234,56 @@ fn weights_that_cannot_be_are_refused() {
         })
     );
 }
+
+#[test]
+fn the_share_of_the_gradient_is_the_slope_of_the_robust_cost() {
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+    let scale = Scale {
+        rotation_rad: 0.3,
+        translation_m: 0.5,
+    };
+    for round in 0..20 {
+        let turn = rng.random_range(0.0..2.0);
+        let (from, to) = (node(&mut rng, 1.0, 5.0), node(&mut rng, 1.0, 5.0));
+        for edge in edges(&mut rng, &from, &to, turn, round % 4 != 0) {
+            if matches!(edge.weight(), Weight::Information(_)) {
+                continue;
+            }
+            let judged = edge.judged(&scale, &from, &to);
+            let mut normal = Normal::zero();
+            edge.add_share_linearised(&from, &to, judged.share, &mut normal.sums());
+            let size = 1.0 + normal.from.norm() + normal.to.norm();
+            for k in 0..6 {
+                let h = 1e-6;
+                let cost = |from: &Node, to: &Node| edge.judged(&scale, from, to).cost;
+                let by_from = cost(&moved(&from, k, h), &to) - cost(&moved(&from, k, -h), &to);
+                let by_to = cost(&from, &moved(&to, k, h)) - cost(&from, &moved(&to, k, -h));
+                let about = format!("seed {SEED}, {:?}, {k}", edge.measurement());
+                let off_from = (by_from / (2.0 * h) - 2.0 * normal.from[k]).abs();
+                let off_to = (by_to / (2.0 * h) - 2.0 * normal.to[k]).abs();
+                assert!(off_from < 1e-6 * size && off_to < 1e-6 * size, "{about}");
+            }
+        }
+    }
+}
+
+#[test]
+fn wrong_orientation_takes_the_position_of_a_pose_with_it() {
+    // Half a metre off in place alone is one scale; turned by a radian besides, hardly anything is left.
+    let scale = Scale {
+        rotation_rad: 0.3,
+        translation_m: 0.4,
+    };
+    let at = |turn: f64| {
+        let seen = Transform::new(
+            so3::exp(&Vector3::new(0.0, 0.0, turn)),
+            Vector3::new(0.5, 0.0, 0.0),
+        );
+        let edge = Edge::new(Measurement::pose(seen).unwrap(), Weight::Unit).unwrap();
+        edge.judged(&scale, &Node::identity(), &Node::identity())
+            .share
+    };
+    // s = 0.25 / 0.25, then (0.25 + 1) / 0.25.
+    assert!((at(0.0) - 0.25).abs() < 1e-12);
+    assert!((at(1.0) - 1.0 / 36.0).abs() < 1e-12);
+}

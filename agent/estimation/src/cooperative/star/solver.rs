@@ -9,7 +9,6 @@ use super::verdict::{Judgement, judgement};
 use super::{MAX_NEIGHBOURS, NeighbourIndex, Solution, Star, StarEdge, Tie};
 use crate::cooperative::block::{Factor, solve_semidefinite};
 use crate::cooperative::edge::{Node, Normal, Sums};
-use crate::cooperative::kernel::Shares;
 use crate::cooperative::mode::Mode;
 use crate::cooperative::optimise::{Degeneracy, Optimiser, Problem, SolveStatus, Step};
 use crate::transform::Transform;
@@ -206,8 +205,7 @@ impl<'a> StarProblem<'a> {
         {
             let (from, to) = self.ends(*tie);
             let rejected = scale.is_some_and(|scale| {
-                let (_, shares) = edge.robust_cost(&scale, &from, &to);
-                judgement(shares.least()) == Judgement::Rejected
+                judgement(edge.judged(&scale, &from, &to).share) == Judgement::Rejected
             });
             if rejected {
                 continue;
@@ -313,9 +311,9 @@ impl Problem for StarProblem<'_> {
         } in &self.star.edges
         {
             let (from, to) = self.ends(*tie);
-            let robust = scale.map(|scale| edge.robust_cost(&scale, &from, &to));
-            let shares = robust.map_or(Shares::WHOLE, |(_, shares)| shares);
-            if self.without_rejected && judgement(shares.least()) == Judgement::Rejected {
+            let robust = scale.map(|scale| edge.judged(&scale, &from, &to));
+            let share = robust.map_or(1.0, |judged| judged.share);
+            if self.without_rejected && judgement(share) == Judgement::Rejected {
                 continue;
             }
             let mut sums = match *tie {
@@ -347,8 +345,8 @@ impl Problem for StarProblem<'_> {
                     ..dropped.sums()
                 },
             };
-            let quadratic = edge.add_linearised_shares(&from, &to, shares, &mut sums);
-            cost += robust.map_or(quadratic, |(cost, _)| cost);
+            let quadratic = edge.add_share_linearised(&from, &to, share, &mut sums);
+            cost += robust.map_or(quadratic, |judged| judged.cost);
         }
         0.5 * cost
     }
@@ -419,7 +417,7 @@ impl Problem for StarProblem<'_> {
         {
             let (from, to) = self.trial_ends(*tie);
             cost += match scale {
-                Some(scale) => edge.robust_cost(scale, &from, &to).0,
+                Some(scale) => edge.judged(scale, &from, &to).cost,
                 None => edge.cost(&from, &to),
             };
         }
@@ -448,4 +446,31 @@ fn moved(node: &Node, step: &Vector6<f64>) -> Node {
         &step.fixed_rows::<3>(0).into_owned(),
         &step.fixed_rows::<3>(3).into_owned(),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cooperative::star::tests::robust;
+
+    #[test]
+    fn along_the_gradient_the_robust_cost_falls_by_its_square() {
+        let star = robust::crowd(7, 1.0);
+        let mut workspace = StarWorkspace::new();
+        let mut problem = StarProblem::new(&star, &mut workspace);
+        let at_prior = problem.linearise();
+        assert_eq!(problem.gradient(), at_prior);
+        let norm = problem.gradient_norm();
+        let step = 1e-6;
+        problem.try_descent(-step);
+        let up = problem.trial_cost();
+        problem.try_descent(step);
+        let slope = (up - problem.trial_cost()) / (2.0 * step);
+        assert!(norm > 0.01, "the priors are no minimum");
+        assert!(
+            (slope - norm * norm).abs() < 1e-6 * norm * norm,
+            "{slope}, {}",
+            norm * norm
+        );
+    }
 }

@@ -18,7 +18,7 @@ pub struct Verdict {
     pub tie: Tie,
     /// The kind of measurement.
     pub kind: Kind,
-    /// What the kernel left of its weight, 0 to 1; of a pose, of the part that it left less of.
+    /// What the kernel left of its weight, 0 to 1.
     pub weight: f64,
     /// How far it is from the solution.
     pub disagreement: Disagreement,
@@ -41,15 +41,13 @@ impl Verdict {
     /// The judgement at the solution in `workspace`; nothing when that belongs to another star.
     pub(super) fn of(edge: &StarEdge, workspace: &StarWorkspace) -> Option<Self> {
         let (from, to) = workspace.ends(edge.tie)?;
-        let disagreement = edge.edge.disagreement(&from, &to);
-        let weight = edge
-            .scale
-            .map_or(1.0, |scale| scale.shares(&disagreement).least());
         Some(Self {
             tie: edge.tie,
             kind: edge.edge.measurement().kind(),
-            weight,
-            disagreement,
+            weight: edge
+                .scale
+                .map_or(1.0, |scale| edge.edge.judged(&scale, &from, &to).share),
+            disagreement: edge.edge.disagreement(&from, &to),
             scale: edge.scale,
         })
     }
