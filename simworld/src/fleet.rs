@@ -10,8 +10,9 @@ use crate::world::{Delivery, World};
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 use skein_estimation::time::Stamp;
 use skein_proto::document::{EstimateDocument, HealthDocument, PoseDocument};
+use skein_proto::name::Name;
 use skein_vehicle::{Checkpoint, Config, Input, Output, PacketKey, Vehicle};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Several vehicles and the air between them.
 #[derive(Debug)]
@@ -22,10 +23,20 @@ pub struct Fleet<S = World> {
     events: BTreeMap<(i64, u64), Event>,
     order: u64,
     now_ns: i64,
+    lingering: Vec<Lingering>,
+    deaf: BTreeSet<(usize, Name)>,
     log: Option<Vec<Logged>>,
 }
 
-/// One vehicle of a fleet.
+/// A liveliness token that is still seen though its process is dead.
+#[derive(Clone, Copy, Debug)]
+struct Lingering {
+    vehicle: Name,
+    boot: u64,
+    until_ns: i64,
+}
+
+/// One process of a fleet. Two may bear one name.
 #[derive(Debug)]
 struct Member {
     config: Config,
@@ -88,6 +99,17 @@ impl Fleet {
     }
 }
 
+impl Fleet<World> {
+    /// The clock of a vehicle's host steps, forward or back: of its process and of its drivers, from the next frame
+    /// that they prepare. Whole rounds leave the drivers in phase.
+    pub fn step_clock(&mut self, vehicle: usize, by_s: f64) {
+        self.stage.step_clock(vehicle, crate::world::nanos(by_s));
+        // Its timer was set on the old clock.
+        let input = Input::Wake;
+        self.push(self.now_ns, Event::Input { vehicle, input });
+    }
+}
+
 impl<S: Stage> Fleet<S> {
     /// A fleet on a stage, with configurations changed by `change`.
     #[must_use]
@@ -110,6 +132,8 @@ impl<S: Stage> Fleet<S> {
             events: BTreeMap::new(),
             order: 0,
             now_ns: start_ns,
+            lingering: Vec::new(),
+            deaf: BTreeSet::new(),
             log: None,
         };
         for vehicle in 0..fleet.len() {
@@ -226,21 +250,57 @@ impl<S: Stage> Fleet<S> {
             })
     }
 
-    /// A vehicle's process dies without a word.
+    /// A vehicle's process dies without a word, and the others see it at once.
     pub fn kill(&mut self, vehicle: usize) {
+        self.kill_under_a_lingering_token(vehicle, 0.0);
+    }
+
+    /// A vehicle's process dies without a word, and its liveliness token is seen for some seconds more, as over a
+    /// connection whose end is only noticed when the lease is over.
+    pub fn kill_under_a_lingering_token(&mut self, vehicle: usize, lingers_s: f64) {
         let member = &mut self.members[vehicle];
         member.vehicle = None;
         member.wake_ns = i64::MAX;
         member.estimate = None;
         member.health = None;
-        let (name, boot) = (member.config.vehicle, member.config.boot);
-        self.tell_all_but(
-            vehicle,
-            &Input::Vanished {
-                vehicle: name,
-                boot,
-            },
-        );
+        let token = Lingering {
+            vehicle: member.config.vehicle,
+            boot: member.config.boot,
+            until_ns: self.now_ns + crate::world::nanos(lingers_s),
+        };
+        let vanished = Input::Vanished {
+            vehicle: token.vehicle,
+            boot: token.boot,
+        };
+        for other in (0..self.len()).filter(|other| lingers_s > 0.0 || *other != vehicle) {
+            let input = vanished.clone();
+            self.push(
+                token.until_ns,
+                Event::Input {
+                    vehicle: other,
+                    input,
+                },
+            );
+        }
+        self.lingering.push(token);
+    }
+
+    /// A vehicle's process is started again, under a new boot id, but with the name of another vehicle: its own
+    /// sensors, its own place, the other's configuration file.
+    pub fn impersonate(&mut self, vehicle: usize, other: usize) {
+        self.members[vehicle].config.vehicle = self.members[other].config.vehicle;
+        self.start(vehicle);
+    }
+
+    /// From now on no packet of that name reaches a vehicle; tokens do.
+    pub fn deafen(&mut self, vehicle: usize, to: Name) {
+        self.deaf.insert((vehicle, to));
+    }
+
+    /// A packet that none of the processes sent reaches a vehicle now.
+    pub fn inject(&mut self, vehicle: usize, key: PacketKey, bytes: Vec<u8>) {
+        let input = Input::Packet { key, bytes };
+        self.push(self.now_ns, Event::Input { vehicle, input });
     }
 
     /// A vehicle's process is started again, under a new boot id, with a start of its own.
@@ -271,13 +331,18 @@ impl<S: Stage> Fleet<S> {
                 boot,
             },
         );
-        let others: Vec<Input> = (0..self.len())
+        self.lingering.retain(|token| token.until_ns > self.now_ns);
+        let alive = (0..self.len())
             .filter(|other| *other != vehicle && self.members[*other].vehicle.is_some())
             .map(|other| &self.members[other].config)
-            .map(|config| Input::Appeared {
-                vehicle: config.vehicle,
-                boot: config.boot,
-            })
+            .map(|config| (config.vehicle, config.boot));
+        let lingering = self
+            .lingering
+            .iter()
+            .map(|token| (token.vehicle, token.boot));
+        let others: Vec<Input> = alive
+            .chain(lingering)
+            .map(|(vehicle, boot)| Input::Appeared { vehicle, boot })
             .collect();
         for input in others {
             self.push(self.now_ns, Event::Input { vehicle, input });
@@ -321,6 +386,10 @@ impl<S: Stage> Fleet<S> {
                 vehicle,
                 instant_ns,
             } => self.prepare(vehicle, instant_ns),
+            Event::Input {
+                vehicle,
+                input: Input::Packet { key, .. },
+            } if self.deaf.contains(&(vehicle, key.from())) => {}
             Event::Input { vehicle, input } => self.feed(vehicle, input),
             Event::Wake { vehicle } if self.members[vehicle].wake_ns == self.now_ns => {
                 self.feed(vehicle, Input::Wake)

@@ -94,6 +94,11 @@ impl World {
         self.vehicles[vehicle].ahead_ns
     }
 
+    /// Sets a vehicle's clock forward, or back.
+    pub fn step_clock(&mut self, vehicle: usize, by_ns: i64) {
+        self.vehicles[vehicle].ahead_ns += by_ns;
+    }
+
     /// What is flown.
     #[must_use]
     pub const fn scenario(&self) -> &Scenario {

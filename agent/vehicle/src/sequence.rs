@@ -105,7 +105,8 @@ impl Sequence {
     fn begin(&mut self, number: u32) -> Novelty {
         *self = Self {
             newest: Some(number),
-            heard: 1,
+            // What was overtaken by the first number is not told from a lie, and of no use yet.
+            heard: u64::MAX,
             candidate: None,
         };
         Novelty::New
@@ -177,6 +178,9 @@ mod tests {
         assert_eq!(sequence.take(u32::MAX, true), Astray);
         assert_eq!(sequence.take(1 << 31, true), Astray);
         assert_eq!(sequence.take(1_010, false), New);
+        let mut just_begun = after([1]);
+        assert_eq!(just_begun.take(u32::MAX, true), Repeated);
+        assert_eq!(just_begun.take(2, false), New);
     }
 
     #[test]
@@ -204,6 +208,7 @@ mod tests {
         let mut sequence = after([0, 1, 64]);
         assert_eq!(sequence.take(1, false), Repeated);
         assert_eq!(sequence.take(2, false), Late);
+        assert_eq!(sequence.take(u32::MAX, false), Astray);
         sequence.take(300, false);
         assert_eq!(sequence.take(299, false), Late);
     }
