@@ -226,9 +226,17 @@ pub mod select {
     pub fn healths(fleet: Name) -> String {
         format!("{fleet}/{VERSION_CHUNK}/*/state/health")
     }
+    /// Infos of everybody.
+    pub fn infos(fleet: Name) -> String {
+        format!("{fleet}/{VERSION_CHUNK}/*/info")
+    }
     /// Liveliness tokens of everybody.
     pub fn alive(fleet: Name) -> String {
         format!("{fleet}/{VERSION_CHUNK}/*/@alive/*")
+    }
+    /// Liveliness tokens of one vehicle.
+    pub fn boots(fleet: Name, of: Name) -> String {
+        format!("{fleet}/{VERSION_CHUNK}/{of}/@alive/*")
     }
 }
 
