@@ -75,14 +75,15 @@ pub enum StartError {
 }
 
 impl Agent {
+    /// Whether [`Agent::start`] would accept these settings; starts and creates nothing.
+    pub fn check(settings: &Settings) -> Result<(), StartError> {
+        checked(settings).map(drop)
+    }
+
     /// Starts a vehicle with its drivers. Returns at once: Zenoh opens in the background, and is tried again until it
     /// opens; the vehicle runs meanwhile.
     pub fn start(mut settings: Settings) -> Result<Self, StartError> {
-        settings.network.zenoh()?;
-        if settings.faults.is_some() && settings.network.is_secured()? {
-            return Err(StartError::SimulationBesideTls);
-        }
-        let drivers = drivers(&settings)?;
+        let drivers = checked(&settings)?;
         let checkpoints = match &settings.checkpoint {
             None => None,
             Some(path) => {
@@ -210,9 +211,12 @@ impl Agent {
                 clock: settings.clock,
                 life: self.life.clone(),
             };
+            let word = settings.drivers.get(&sensor).map(DriverSettings::word);
+            let vehicle = settings.vehicle.vehicle;
             self.threads.push(thread("driver", move || {
+                tracing::info!(%vehicle, %sensor, driver = word, "the driver has started");
                 if let Err(error) = driver.run(&frames, &surroundings) {
-                    tracing::error!(%sensor, %error, "the driver has ended: no more frames of this sensor");
+                    tracing::error!(%vehicle, %sensor, %error, "the driver has failed: no more frames of this sensor");
                 }
             })?);
         }
@@ -289,6 +293,15 @@ impl Drop for Agent {
             join(thread);
         }
     }
+}
+
+/// The drivers of settings that an agent can start with.
+fn checked(settings: &Settings) -> Result<Drivers, StartError> {
+    settings.network.zenoh()?;
+    if settings.faults.is_some() && settings.network.is_secured()? {
+        return Err(StartError::SimulationBesideTls);
+    }
+    drivers(settings)
 }
 
 fn drivers(settings: &Settings) -> Result<Drivers, StartError> {

@@ -1,11 +1,14 @@
 //! The configuration file (TOML): read raw, checked, and turned into [`Settings`]. Whatever is wrong is shown with its
 //! file, line and key, and with what to do.
 
+mod mistake;
+
+pub use mistake::{ConfigError, Mistake};
+
 use crate::clock::Clock;
 use crate::driver::replay;
 use crate::network::NetworkSettings;
 use crate::settings::{DriverSettings, FaultSettings, Settings, new_boot};
-use miette::{NamedSource, SourceSpan};
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::Deserialize;
 use skein_estimation::cooperative::{Mode, Optimiser, Robust};
@@ -24,50 +27,25 @@ const SENSORS_MAX: usize = 32;
 /// How far from one a quaternion's length may be in a file that people write.
 const QUATERNION_TOLERANCE: f64 = 1e-3;
 
-/// A configuration that cannot be used: what, where, and what to do.
-#[derive(Debug, thiserror::Error, miette::Diagnostic)]
-#[error("{message}")]
-pub struct ConfigError {
-    message: String,
-    #[source_code]
-    source_code: NamedSource<String>,
-    #[label("here")]
-    at: Option<SourceSpan>,
-    #[help]
-    help: Option<String>,
-}
-
 /// Reads a file. Fails with where and what to do.
 pub fn load(path: &Path) -> Result<Settings, Box<ConfigError>> {
     let name = path.display().to_string();
     let text = std::fs::read_to_string(path).map_err(|error| {
-        Box::new(ConfigError {
+        let wrong = Wrong {
             message: format!("{name} cannot be read: {error}"),
-            source_code: NamedSource::new(&name, String::new()),
             at: None,
             help: Some("give the path of a configuration; agent/examples/skein.toml is one".into()),
-        })
+        };
+        Box::new(wrong.in_file(&name, ""))
     })?;
     parse(&text, &name, path.parent().unwrap_or(Path::new("")))
 }
 
 /// Parses a text. `name` is shown in errors; files named in it are looked for in `folder`.
 pub fn parse(text: &str, name: &str, folder: &Path) -> Result<Settings, Box<ConfigError>> {
-    let wrong = |wrong: Wrong| {
-        Box::new(ConfigError {
-            message: wrong.message,
-            source_code: NamedSource::new(name, text.to_owned()).with_language("TOML"),
-            at: wrong.at.map(SourceSpan::from),
-            help: wrong.help,
-        })
-    };
-    let raw: RawConfig = toml::from_str(text).map_err(|error| {
-        wrong(Wrong {
-            message: error.message().to_owned(),
-            at: error.span(),
-            help: None,
-        })
-    })?;
+    let wrong = |wrong: Wrong| Box::new(wrong.in_file(name, text));
+    let raw: RawConfig =
+        toml::from_str(text).map_err(|error| wrong(mistake::of_toml(&error, text)))?;
     raw.check(folder).map_err(wrong)
 }
 
@@ -105,7 +83,7 @@ struct RawConfig {
     network: Option<Spanned<RawNetwork>>,
     #[serde(default)]
     clock: RawClock,
-    log: Option<RawLog>,
+    log: Option<Spanned<RawLog>>,
     #[serde(default)]
     rpc: RawRpc,
     simulation: Option<RawSimulation>,
@@ -137,10 +115,9 @@ struct RawRpc {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawPose {
-    #[serde(default)]
-    position_m: [f64; 3],
-    yaw_pitch_roll_deg: Option<[f64; 3]>,
-    quaternion_wxyz: Option<[f64; 4]>,
+    position_m: Option<Spanned<[f64; 3]>>,
+    yaw_pitch_roll_deg: Option<Spanned<[f64; 3]>>,
+    quaternion_wxyz: Option<Spanned<[f64; 4]>>,
 }
 
 #[derive(Deserialize)]
@@ -172,11 +149,11 @@ struct RawEstimate {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawNetwork {
-    listen: Option<Vec<String>>,
-    connect: Option<Vec<String>>,
+    listen: Option<Vec<Spanned<String>>>,
+    connect: Option<Vec<Spanned<String>>>,
     multicast: Option<bool>,
     interface: Option<String>,
-    zenoh_config: Option<PathBuf>,
+    zenoh_config: Option<Spanned<PathBuf>>,
 }
 
 #[derive(Deserialize, Default)]
@@ -223,7 +200,10 @@ impl RawConfig {
         let boot = new_boot();
         let log = self
             .log
-            .map(|log| log.check(folder, vehicle, boot))
+            .map(|log| {
+                let at = log.span();
+                log.into_inner().check(folder, vehicle, boot, at)
+            })
             .transpose()?;
         let checkpoint = self.start.checkpoint.as_ref();
         let checkpoint = checkpoint.map(|path| folder.join(path.get_ref()));
@@ -383,38 +363,62 @@ impl RawNetwork {
             || self.connect.is_some()
             || self.multicast.is_some()
             || self.interface.is_some();
-        if self.zenoh_config.is_some() && others {
-            return Err(Wrong {
-                message: "[network] has zenoh_config and other keys".into(),
-                at: Some(at.clone()),
-                help: Some(
-                    "a Zenoh configuration file is passed through as it is: put the endpoints there, or leave it out"
-                        .into(),
-                ),
-            });
+        if let Some(file) = self.zenoh_config.as_ref().filter(|_| others) {
+            return Err(Wrong::at(
+                file,
+                "[network] has zenoh_config and other keys",
+                "a Zenoh configuration file is passed through as it is: put the endpoints there, or leave it out",
+            ));
         }
+        for endpoint in self.listen.iter().chain(&self.connect).flatten() {
+            let alone = NetworkSettings::loopback(vec![endpoint.get_ref().clone()]);
+            let refused = match alone.zenoh() {
+                Err(error) => error.to_string(),
+                Ok(_) if !has_port(endpoint.get_ref()) => {
+                    format!("{:?} has no port", endpoint.get_ref())
+                }
+                Ok(_) => continue,
+            };
+            return Err(Wrong::at(
+                endpoint,
+                refused,
+                "endpoints look like tcp/192.168.1.7:7447, or 192.168.1.7:7447 for TCP and UDP",
+            ));
+        }
+        let texts = |endpoints: Option<Vec<Spanned<String>>>| {
+            let endpoints = endpoints.unwrap_or_default().into_iter();
+            endpoints.map(Spanned::into_inner).collect()
+        };
+        let file_at = self.zenoh_config.as_ref().map(Spanned::span);
         let defaults = NetworkSettings::default();
         let settings = NetworkSettings {
-            listen: self.listen.unwrap_or_default(),
-            connect: self.connect.unwrap_or_default(),
+            listen: texts(self.listen),
+            connect: texts(self.connect),
             multicast: self.multicast.unwrap_or(defaults.multicast),
             interface: self.interface.unwrap_or(defaults.interface),
-            zenoh_config: self.zenoh_config.map(|path| folder.join(path)),
+            zenoh_config: self.zenoh_config.map(|path| folder.join(path.into_inner())),
         };
         settings.zenoh().map_err(|error| Wrong {
             message: error.to_string(),
-            at: Some(at.clone()),
-            help: Some(
-                "endpoints look like tcp/192.168.1.7:7447, or 192.168.1.7:7447 for TCP and UDP"
-                    .into(),
-            ),
+            help: Some(match &file_at {
+                Some(_) => "zenoh_config names a file of Zenoh's own (JSON5), meant from the folder of this configuration".into(),
+                None => "listen and connect hold endpoints like tcp/192.168.1.7:7447; interface is a name like \"wlan0\"".into(),
+            }),
+            at: Some(file_at.unwrap_or_else(|| at.clone())),
         })?;
         Ok(settings)
     }
 }
 
+/// Whether an endpoint ends with a port. Zenoh takes one without, and then never connects.
+fn has_port(endpoint: &str) -> bool {
+    let address = endpoint.split(['?', '#']).next().unwrap_or_default();
+    let port = address.rsplit_once(':').map(|(_, port)| port);
+    port.is_some_and(|port| port.parse::<u16>().is_ok())
+}
+
 impl RawLog {
-    fn check(self, folder: &Path, vehicle: Name, boot: u64) -> Checked<PathBuf> {
+    fn check(self, folder: &Path, vehicle: Name, boot: u64, at: Range<usize>) -> Checked<PathBuf> {
         match (self.directory, self.file) {
             (Some(directory), None) => {
                 let file = format!("{vehicle}-{}.mcap", skein_proto::keys::boot_text(boot));
@@ -428,7 +432,7 @@ impl RawLog {
             )),
             (None, None) => Err(Wrong {
                 message: "[log] has neither directory nor file".into(),
-                at: None,
+                at: Some(at),
                 help: Some("give directory = \"..\" or leave the section out".into()),
             }),
         }
@@ -495,15 +499,21 @@ fn check_driver(sensor: &RawSensor, folder: &Path) -> Checked<DriverSettings> {
         ("process", None) => Ok(DriverSettings::Process),
         ("replay", Some(file)) => {
             let path = folder.join(file.get_ref());
-            if path.is_file() {
-                Ok(DriverSettings::Recording(path))
-            } else {
-                Err(Wrong::at(
+            if !path.is_file() {
+                return Err(Wrong::at(
                     file,
                     format!("there is no file {}", path.display()),
                     "a path is meant from the folder of this configuration",
-                ))
+                ));
             }
+            replay::check(&path, name(&sensor.name)?).map_err(|error| {
+                Wrong::at(
+                    file,
+                    format!("the recording cannot be played: {error}"),
+                    "each line is {\"arrival_ns\": .., \"sensor\": \"..\", \"frame\": {..}}, arrivals in order",
+                )
+            })?;
+            Ok(DriverSettings::Recording(path))
         }
         ("replay", None) => Err(Wrong::at(
             &sensor.driver,
@@ -555,7 +565,10 @@ fn optional_pose<To, From>(raw: Option<&Spanned<RawPose>>) -> Checked<Transform<
 
 fn check_pose<To, From>(raw: &Spanned<RawPose>) -> Checked<Transform<To, From>> {
     let pose = raw.get_ref();
-    let rotation = match (pose.yaw_pitch_roll_deg, pose.quaternion_wxyz) {
+    let position = check_finite(pose.position_m.as_ref())?.unwrap_or_default();
+    let angles = check_finite(pose.yaw_pitch_roll_deg.as_ref())?;
+    let quaternion = check_finite(pose.quaternion_wxyz.as_ref())?;
+    let rotation = match (angles, quaternion) {
         (None, None) => UnitQuaternion::identity(),
         (Some([yaw, pitch, roll]), None) => UnitQuaternion::from_euler_angles(
             roll.to_radians(),
@@ -565,33 +578,33 @@ fn check_pose<To, From>(raw: &Spanned<RawPose>) -> Checked<Transform<To, From>> 
         (None, Some([w, x, y, z])) => {
             let quaternion = nalgebra::Quaternion::new(w, x, y, z);
             if (quaternion.norm() - 1.0).abs() > QUATERNION_TOLERANCE {
-                return Err(Wrong::at(
-                    raw,
-                    format!("the quaternion has length {}", quaternion.norm()),
-                    "a rotation is a quaternion of length one, scalar first",
-                ));
+                return Err(Wrong {
+                    message: format!("the quaternion has length {}", quaternion.norm()),
+                    at: pose.quaternion_wxyz.as_ref().map(Spanned::span),
+                    help: Some("a rotation is a quaternion of length one, scalar first".into()),
+                });
             }
             UnitQuaternion::from_quaternion(quaternion)
         }
         (Some(_), Some(_)) => {
-            return Err(Wrong::at(
-                raw,
-                "a pose has one rotation",
-                "give yaw_pitch_roll_deg or quaternion_wxyz, not both",
-            ));
+            return Err(Wrong {
+                message: "a pose has one rotation".into(),
+                at: pose.quaternion_wxyz.as_ref().map(Spanned::span),
+                help: Some("give yaw_pitch_roll_deg or quaternion_wxyz, not both".into()),
+            });
         }
     };
-    let transform = Transform::new(rotation, Vector3::from(pose.position_m));
-    let finite = pose.position_m.iter().all(|n| n.is_finite())
-        && rotation.coords.iter().all(|n| n.is_finite());
-    if finite {
-        Ok(transform)
-    } else {
-        Err(Wrong::at(
-            raw,
+    Ok(Transform::new(rotation, Vector3::from(position)))
+}
+
+fn check_finite<const N: usize>(given: Option<&Spanned<[f64; N]>>) -> Checked<Option<[f64; N]>> {
+    match given {
+        Some(numbers) if numbers.get_ref().iter().any(|n| !n.is_finite()) => Err(Wrong::at(
+            numbers,
             "a pose is made of finite numbers",
             "write position_m in metres and angles in degrees",
-        ))
+        )),
+        _ => Ok(given.map(|numbers| *numbers.get_ref())),
     }
 }
 
@@ -706,5 +719,162 @@ mod tests {
             let page = shown(&format!("{MINIMAL}{text}"));
             assert!(page.contains(expected), "{expected}: {page}");
         }
+    }
+
+    #[test]
+    fn every_mistake_names_its_line_its_key_and_what_to_do() {
+        for (text, line, key) in [
+            ("[cooperative]\nperiod = 0.2\n", 4, "cooperative.period"),
+            (
+                "[cooperative]\nperiod_s = \"fast\"\n",
+                4,
+                "cooperative.period_s",
+            ),
+            ("[cooperative]\nperiod_s = 0\n", 4, "cooperative.period_s"),
+            (
+                "[cooperative]\nround_wait_s = -1\n",
+                4,
+                "cooperative.round_wait_s",
+            ),
+            ("[cooperative]\nmode = \"team\"\n", 4, "cooperative.mode"),
+            (
+                "[cooperative]\noptimiser = \"x\"\n",
+                4,
+                "cooperative.optimiser",
+            ),
+            ("[cooperative]\nrepeats = 8\n", 4, "cooperative.repeats"),
+            (
+                "[cooperative]\npresence_timeout_s = nan\n",
+                4,
+                "cooperative.presence_timeout_s",
+            ),
+            ("[estimate]\nrate_hz_max = 0\n", 4, "estimate.rate_hz_max"),
+            (
+                "[start]\npose = { position_m = [0, 0] }\n",
+                4,
+                "start.pose.position_m",
+            ),
+            (
+                "[start.pose]\nposition_m = [0, 0, 0]\nquaternion_wxyz = [1, 1, 0, 0]\n",
+                5,
+                "start.pose.quaternion_wxyz",
+            ),
+            (
+                "[start.pose]\nyaw_pitch_roll_deg = [0, 0, 0]\nquaternion_wxyz = [1, 0, 0, 0]\n",
+                5,
+                "start.pose.quaternion_wxyz",
+            ),
+            (
+                "[start.pose]\nyaw_pitch_roll_deg = [0, 0, inf]\n",
+                4,
+                "start.pose.yaw_pitch_roll_deg",
+            ),
+            ("[start]\npose = {}\nunknown = true\n", 5, "start.unknown"),
+            (
+                "[[sensor]]\nname = \"A\"\ndriver = \"zenoh\"\n",
+                4,
+                "sensor[0].name",
+            ),
+            (
+                "[[sensor]]\nname = \"a\"\ndriver = \"x\"\n",
+                5,
+                "sensor[0].driver",
+            ),
+            (
+                "[[sensor]]\nname = \"a\"\ndriver = \"replay\"\nfile = \"gone\"\n",
+                6,
+                "sensor[0].file",
+            ),
+            (
+                "[[sensor]]\nname = \"a\"\ndriver = \"replay\"\nfile = \"Cargo.toml\"\n",
+                6,
+                "sensor[0].file",
+            ),
+            ("[[sensor]]\nname = \"a\"\n", 3, "sensor[0]"),
+            (
+                "[network]\nlisten = [\n  \"tcp/127.0.0.1:1\",\n  \"tcp/\",\n]\n",
+                6,
+                "network.listen[1]",
+            ),
+            (
+                "[network]\nconnect = [\"nowhere\"]\n",
+                4,
+                "network.connect[0]",
+            ),
+            ("[network]\nmulticast = 1\n", 4, "network.multicast"),
+            (
+                "[network]\nzenoh_config = \"gone.json5\"\n",
+                4,
+                "network.zenoh_config",
+            ),
+            (
+                "[network]\nmulticast = true\nzenoh_config = \"z.json5\"\n",
+                5,
+                "network.zenoh_config",
+            ),
+            ("[clock]\nrate = 20.0\n", 4, "clock.rate"),
+            ("[clock]\nstart_ns = 1.5\n", 4, "clock.start_ns"),
+            ("[log]\n", 3, "log"),
+            (
+                "[log]\ndirectory = \"a\"\nfile = \"b\"\n",
+                4,
+                "log.directory",
+            ),
+            (
+                "[simulation]\nenabled = true\nseed = -1\n",
+                5,
+                "simulation.seed",
+            ),
+            ("[sensors]\n", 3, "sensors"),
+        ] {
+            let text = format!("{MINIMAL}{text}");
+            let mistake = parsed(&text).unwrap_err().mistake();
+            let found = (mistake.line, mistake.key.as_deref());
+            assert_eq!(found, (Some(line), Some(key)), "{text}: {mistake:?}");
+            assert!(mistake.help.is_some(), "{text}: {mistake:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_missing_is_missing_somewhere() {
+        let mistake = parsed("[vehicle]\nfleet = \"geese\"\n")
+            .unwrap_err()
+            .mistake();
+        assert_eq!(
+            (mistake.line, mistake.key.as_deref()),
+            (Some(1), Some("vehicle"))
+        );
+        assert!(mistake.message.contains("`name` is missing"), "{mistake:?}");
+        let mistake = parsed("# nothing\n").unwrap_err().mistake();
+        assert_eq!((mistake.line, mistake.column), (Some(1), Some(1)));
+        assert!(
+            mistake.message.contains("`vehicle` is missing"),
+            "{mistake:?}"
+        );
+    }
+
+    #[test]
+    fn the_key_that_was_meant_is_suggested() {
+        for (text, meant) in [
+            ("[cooperative]\nperiod = 0.2\n", "did you mean `period_s`?"),
+            ("[network]\nlisen = []\n", "did you mean `listen`?"),
+            ("[sensors]\n", "did you mean `sensor`?"),
+            ("[netwrok]\n", "did you mean `network`?"),
+        ] {
+            let help = parsed(&format!("{MINIMAL}{text}"))
+                .unwrap_err()
+                .mistake()
+                .help;
+            assert!(
+                help.as_deref().is_some_and(|help| help.contains(meant)),
+                "{help:?}"
+            );
+        }
+        let strange = parsed(&format!("{MINIMAL}[estimate]\nxyz = 1\n")).unwrap_err();
+        let help = strange.mistake().help.unwrap();
+        assert!(
+            !help.contains("mean") && help.contains("`rate_hz_max`"),
+            "{help}"
+        );
     }
 }

@@ -9,6 +9,7 @@
 #![cfg_attr(test, allow(clippy::unwrap_used))]
 
 pub mod agent;
+mod changes;
 pub mod checkpoint;
 pub mod clock;
 pub mod command;

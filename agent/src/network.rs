@@ -149,6 +149,27 @@ impl NetworkSettings {
     }
 }
 
+impl NetworkSettings {
+    /// The endpoints that it listens on, as Zenoh knows them; none: any free port. Fails as [`NetworkSettings::zenoh`].
+    pub(crate) fn listening(&self) -> Result<Vec<String>, NetworkError> {
+        let text = self.zenoh()?.get_json("listen/endpoints");
+        // A list, or with a Zenoh configuration perhaps one list for each mode.
+        let lists = text
+            .ok()
+            .and_then(|text| serde_json::from_str::<serde_json::Value>(&text).ok());
+        let list = match &lists {
+            Some(serde_json::Value::Object(modes)) => modes.get("peer"),
+            lists => lists.as_ref(),
+        };
+        let endpoints = list.and_then(serde_json::Value::as_array);
+        Ok(endpoints
+            .into_iter()
+            .flatten()
+            .filter_map(|endpoint| endpoint.as_str().map(str::to_owned))
+            .collect())
+    }
+}
+
 /// Zenoh's endpoints: an address without a protocol stands for TCP and UDP, each for the traffic that it is good at.
 fn endpoints(texts: &[String]) -> Vec<String> {
     texts

@@ -12,6 +12,8 @@ use crate::pose_graph::{self, FILE_BYTES_MAX, PoseGraph};
 
 /// Arguments of `skein solve`.
 #[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "Example:
+  skein solve agent/examples/square.graph")]
 pub struct SolveArgs {
     /// Pose-graph file: g2o (SE3:QUAT), or its text form with the other kinds of measurement.
     pub file: PathBuf,

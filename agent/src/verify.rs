@@ -245,7 +245,7 @@ fn read_header(metadata: &Metadata) -> Result<Header, String> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::record::{Recorder, Step};
     use skein_vehicle::Input;
@@ -283,6 +283,19 @@ mod tests {
         path
     }
 
+    /// A log with one wrong bit in its step 12.
+    pub(crate) fn spoilt(name: &str) -> PathBuf {
+        log(name, |index, step| {
+            if index == 12 {
+                let last = step.outputs.last_mut().unwrap();
+                let OutputRecord::WakeAt { stamp_ns } = last else {
+                    panic!("{last:?}")
+                };
+                *stamp_ns ^= 1;
+            }
+        })
+    }
+
     #[test]
     fn a_flight_is_repeated_bit_by_bit() {
         let path = log("whole", |_, _| {});
@@ -294,15 +307,7 @@ mod tests {
 
     #[test]
     fn one_wrong_bit_is_found_and_named() {
-        let path = log("spoilt", |index, step| {
-            if index == 12 {
-                let last = step.outputs.last_mut().unwrap();
-                let OutputRecord::WakeAt { stamp_ns } = last else {
-                    panic!("{last:?}")
-                };
-                *stamp_ns ^= 1;
-            }
-        });
+        let path = spoilt("spoilt");
         let error = verify(&path).unwrap_err();
         assert!(
             matches!(error, VerifyError::Difference { step: 12, .. }),

@@ -1,6 +1,7 @@
 //! The one thread that owns the vehicle: takes inputs in the order of their arrival, hands out what comes of them, and
 //! keeps the vehicle's only timer.
 
+use crate::changes::Changes;
 use crate::checkpoint::CheckpointWriter;
 use crate::clock::Clock;
 use crate::inbox::{Inbox, Popped};
@@ -10,7 +11,6 @@ use crate::published::{Published, PublishedEstimate};
 use crate::queue::Queue;
 use crate::record::{Recorder, Step};
 use skein_estimation::time::{Span, Stamp};
-use skein_proto::status::Status;
 use skein_vehicle::{Input, Output, Vehicle};
 use std::sync::Arc;
 
@@ -25,11 +25,11 @@ pub(crate) struct Worker {
     pub(crate) checkpoints: Option<CheckpointWriter>,
 }
 
-/// What the vehicle waits for, and when it was last told the time.
+/// What the vehicle waits for, when it was last told the time, and what the log was last told.
 struct Pace {
     now: Stamp,
     wake_at: Stamp,
-    status: Option<Status>,
+    changes: Changes,
 }
 
 /// How far behind its wakes the vehicle may be and still be given each of them at its own time.
@@ -41,7 +41,7 @@ impl Worker {
         let mut pace = Pace {
             now: started,
             wake_at: started,
-            status: None,
+            changes: Changes::default(),
         };
         self.drain(&mut pace, None);
         loop {
@@ -93,14 +93,8 @@ impl Worker {
                     self.outbox.push(Outgoing::Packet { key, bytes });
                 }
                 Output::Estimate { packet, document } => {
-                    if pace.status != Some(document.status) {
-                        pace.status = Some(document.status);
-                        tracing::info!(
-                            vehicle = %document.vehicle,
-                            status = document.status.words(),
-                            why = document.why.as_deref(),
-                            "the estimate's status"
-                        );
+                    if let Some(change) = pace.changes.in_estimate(&document) {
+                        change.log(document.vehicle.as_str());
                     }
                     let estimate = Arc::new(PublishedEstimate {
                         packet,
@@ -112,6 +106,9 @@ impl Worker {
                 Output::Health(document) => {
                     let mut health = *document;
                     self.process.add_to(&mut health);
+                    for change in pace.changes.in_health(&health) {
+                        change.log(health.vehicle.as_str());
+                    }
                     let health = Arc::new(health);
                     self.published.set_health(Arc::clone(&health));
                     self.outbox.push(Outgoing::Health(health));

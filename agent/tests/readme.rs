@@ -112,6 +112,17 @@ fn the_commands_for_a_vehicle_work() {
     for command in commands() {
         let output = match command.split_whitespace().next().unwrap() {
             "get" | "status" => skein(&command, &network),
+            "watch" => skein(&command, &[&network[..], &["--for", "2"]].concat()),
+            // It looks at the daemon above, which nobody gives odometry: that is the only problem there should be.
+            "doctor" => {
+                let output = skein(&command, &network);
+                let text = String::from_utf8_lossy(&output.stdout);
+                assert!(text.contains("no odometry yet"), "skein {command}: {text}");
+                assert!(text.contains("1 problems"), "skein {command}: {text}");
+                assert_eq!(output.status.code(), Some(5));
+                run += 1;
+                continue;
+            }
             // Started above, on a port of its own; its log is verified below.
             "run" | "verify" => continue,
             _ => skein(&command, &[]),
@@ -122,7 +133,7 @@ fn the_commands_for_a_vehicle_work() {
         assert!(!text.trim().is_empty(), "skein {command} prints something");
         run += 1;
     }
-    assert!(run >= 4, "the README has {run} commands to run");
+    assert!(run >= 7, "the README has {run} commands to run");
     daemon.stop();
     let log = daemon.folder.join("logs/v1.mcap");
     let verified = skein("verify", &[log.to_str().unwrap()]);

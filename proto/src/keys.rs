@@ -230,9 +230,17 @@ pub mod select {
     pub fn rpc_on(fleet: Name, on: Name) -> String {
         format!("{fleet}/{VERSION_CHUNK}/{on}/@rpc/*")
     }
+    /// Infos of everybody.
+    pub fn infos(fleet: Name) -> String {
+        format!("{fleet}/{VERSION_CHUNK}/*/info")
+    }
     /// Liveliness tokens of everybody.
     pub fn alive(fleet: Name) -> String {
         format!("{fleet}/{VERSION_CHUNK}/*/@alive/*")
+    }
+    /// Liveliness tokens of one vehicle.
+    pub fn boots(fleet: Name, of: Name) -> String {
+        format!("{fleet}/{VERSION_CHUNK}/{of}/@alive/*")
     }
 }
 

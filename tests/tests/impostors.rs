@@ -478,7 +478,7 @@ fn flown_again(mut change: impl FnMut(&mut Vec<u8>)) -> (Vec<Output>, HealthDocu
                 Output::WakeAt(_) => return,
                 Output::Health(document) => health = Some(*document),
                 output @ Output::Estimate { .. } => estimates.push(output),
-                Output::Send { .. } => {}
+                Output::Send { .. } | Output::Checkpoint(_) => {}
             }
         }
     };

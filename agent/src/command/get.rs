@@ -1,7 +1,8 @@
 //! `skein get`: the newest estimate of one vehicle or of all, as a table or as JSON.
 
 use super::Ending;
-use super::observer::{Observer, ObserverArgs};
+use super::observer::{Observer, ObserverArgs, WaitArgs};
+use super::output::{plain, print, print_json};
 use crate::clock::Clock;
 use crate::queries::About;
 use skein_estimation::time::Stamp;
@@ -12,6 +13,11 @@ use skein_proto::name::Name;
 const AGE_MAX_S: f64 = 86_400.0;
 
 #[derive(clap::Args)]
+#[command(after_help = "Examples:
+  skein get                          all vehicles of the fleet `skein`
+  skein get v1 --json                one, as JSON
+  skein get --fleet geese --connect tcp/10.0.0.1:7447   without multicast
+It ends with 3 when nobody answers.")]
 pub(super) struct GetArgs {
     /// The vehicle; all of the fleet without it.
     vehicle: Option<Name>,
@@ -19,11 +25,16 @@ pub(super) struct GetArgs {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
+    wait: WaitArgs,
+    #[command(flatten)]
     observer: ObserverArgs,
 }
 
 pub(super) fn run(args: &GetArgs) -> miette::Result<Ending> {
-    let observer = Observer::open(&args.observer)?;
+    let (network, fleet) = (args.observer.network(), args.observer.fleet());
+    let observer = Observer::open(&network, fleet, args.wait.wait)?;
+    let selector = observer.selector(About::Estimate, args.vehicle);
+    eprintln!("selector: {selector}");
     let answers = observer.ask::<EstimateDocument>(About::Estimate, args.vehicle)?;
     for (vehicle, reason) in &answers.silent {
         eprintln!("{vehicle}: {reason}");
@@ -34,14 +45,10 @@ pub(super) fn run(args: &GetArgs) -> miette::Result<Ending> {
     }
     let estimates: Vec<EstimateDocument> = answers.documents.into_values().collect();
     if args.json {
-        println!(
-            "{}",
-            String::from_utf8_lossy(&crate::queries::json(&estimates))
-        );
+        print_json(&estimates)
     } else {
-        print!("{}", table(&estimates, Clock::real().now()));
+        print(&table(&estimates, Clock::real().now()))
     }
-    Ok(Ending::Done)
 }
 
 /// Rows of equal width; a neighbour's row stands under the vehicle that sees it, in that vehicle's body frame.
@@ -74,7 +81,7 @@ fn table(estimates: &[EstimateDocument], now: Stamp) -> String {
             row(&mut page, &name, status, &age, neighbour.pose.as_ref());
         }
         if let Some(why) = &estimate.why {
-            let _ = writeln!(page, "  {why}");
+            let _ = writeln!(page, "  {}", plain(why));
         }
     }
     page
@@ -102,7 +109,8 @@ fn row(page: &mut String, name: &str, status: &str, age: &str, pose: Option<&Pos
     }
 }
 
-fn age(now: Stamp, taken_ns: i64) -> String {
+/// Seconds since something was taken.
+pub(super) fn age(now: Stamp, taken_ns: i64) -> String {
     let age_s = (now - Stamp::from_nanos(taken_ns)).as_secs_f64();
     if age_s.abs() < AGE_MAX_S {
         format!("{age_s:.2}")

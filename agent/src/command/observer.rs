@@ -3,7 +3,7 @@
 use crate::clock::real_now;
 use crate::network::NetworkSettings;
 use crate::queries::About;
-use miette::{IntoDiagnostic, WrapErr, miette};
+use miette::miette;
 use serde::de::DeserializeOwned;
 use skein_proto::document::ErrorDocument;
 use skein_proto::keys::{Key, select};
@@ -19,17 +19,19 @@ use zenoh::{Session, Wait};
 const SETTLED: Duration = Duration::from_millis(400);
 /// Pause between two looks.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
+/// Longest time that can be asked for: further, the clocks of some systems cannot count.
+const SECONDS_MAX: Duration = Duration::from_secs(366 * 86_400);
 /// How long one query waits for its replies.
 const REPLY_WITHIN: Duration = Duration::from_secs(1);
 
 #[derive(clap::Args)]
 pub(super) struct ObserverArgs {
-    /// The fleet to look at.
-    #[arg(long, default_value = "skein")]
-    fleet: Name,
+    /// The fleet to look at [default: skein].
+    #[arg(long)]
+    pub(super) fleet: Option<Name>,
     /// An endpoint of any vehicle, e.g. tcp/127.0.0.1:7447; the others are found through it. May be repeated.
     #[arg(long, value_name = "ENDPOINT")]
-    connect: Vec<String>,
+    pub(super) connect: Vec<String>,
     /// An endpoint to listen on, for vehicles that dial this tool. May be repeated.
     #[arg(long, value_name = "ENDPOINT")]
     listen: Vec<String>,
@@ -42,9 +44,42 @@ pub(super) struct ObserverArgs {
     /// A Zenoh configuration file (JSON5), e.g. with certificates, instead of the options above.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["connect", "listen", "no_multicast"])]
     zenoh_config: Option<PathBuf>,
+}
+
+/// How patient a command is that asks.
+#[derive(clap::Args)]
+pub(super) struct WaitArgs {
     /// Seconds to wait for vehicles and answers.
-    #[arg(long, default_value_t = 5.0, value_name = "SECONDS")]
-    wait: f64,
+    #[arg(long, default_value = "5", value_name = "SECONDS", value_parser = seconds)]
+    pub(super) wait: Duration,
+}
+
+/// Parses a number of seconds.
+pub(super) fn seconds(text: &str) -> Result<Duration, String> {
+    text.parse()
+        .ok()
+        .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())
+        .filter(|span| *span <= SECONDS_MAX)
+        .ok_or_else(|| "give a number of seconds, at most a year".to_owned())
+}
+
+impl ObserverArgs {
+    /// The fleet to look at.
+    pub(super) fn fleet(&self) -> Name {
+        self.fleet
+            .unwrap_or_else(|| Name::parse("skein").expect("the default fleet is a name"))
+    }
+
+    /// How this tool reaches the vehicles.
+    pub(super) fn network(&self) -> NetworkSettings {
+        NetworkSettings {
+            listen: self.listen.clone(),
+            connect: self.connect.clone(),
+            multicast: !self.no_multicast,
+            interface: self.interface.clone(),
+            zenoh_config: self.zenoh_config.clone(),
+        }
+    }
 }
 
 /// An open session and what it looks for.
@@ -52,7 +87,7 @@ pub(super) struct Observer {
     session: Session,
     fleet: Name,
     deadline: Instant,
-    wait_s: f64,
+    wait: Duration,
 }
 
 /// What vehicles answered.
@@ -64,18 +99,27 @@ pub(super) struct Answers<D> {
 }
 
 impl Observer {
-    pub(super) fn open(args: &ObserverArgs) -> miette::Result<Self> {
-        let wait = Duration::try_from_secs_f64(args.wait)
-            .into_diagnostic()
-            .wrap_err("--wait is a number of seconds")?;
-        let settings = NetworkSettings {
-            listen: args.listen.clone(),
-            connect: args.connect.clone(),
-            multicast: !args.no_multicast,
-            interface: args.interface.clone(),
-            zenoh_config: args.zenoh_config.clone(),
-        };
+    /// Opens a session that looks at a fleet for at most `wait`.
+    pub(super) fn open(
+        settings: &NetworkSettings,
+        fleet: Name,
+        wait: Duration,
+    ) -> miette::Result<Self> {
         let mut config = settings.zenoh()?;
+        if settings.zenoh_config.is_some() && !settings.connect.is_empty() {
+            // The file of a vehicle that may be running: its ports are its own, and it is dialled there.
+            let mut dialled: Vec<String> = config
+                .get_json("connect/endpoints")
+                .ok()
+                .and_then(|text| serde_json::from_str(&text).ok())
+                .unwrap_or_default();
+            dialled.extend(settings.connect.iter().cloned());
+            for (key, endpoints) in [("listen/endpoints", vec![]), ("connect/endpoints", dialled)] {
+                config
+                    .insert_json5(key, &serde_json::json!(endpoints).to_string())
+                    .map_err(|error| miette!("{error}"))?;
+            }
+        }
         if settings.zenoh_config.is_none() {
             // A tool dials everybody itself: nobody should have to reach a laptop behind a firewall.
             for scouting in ["multicast", "gossip"] {
@@ -92,26 +136,29 @@ impl Observer {
             .map_err(|error| miette!("no Zenoh session can be opened: {error}"))?;
         Ok(Self {
             session,
-            fleet: args.fleet,
+            fleet,
             deadline: real_now() + wait,
-            wait_s: args.wait,
+            wait,
         })
     }
 
-    /// Asks one vehicle, or all that are present, and says on stderr which selector that is.
+    /// What [`Observer::ask`] asks for, so that people can ask it themselves.
+    pub(super) fn selector(&self, about: About, vehicle: Option<Name>) -> String {
+        match (vehicle, about) {
+            (Some(of), _) => about.key(of).in_fleet(self.fleet),
+            (None, About::Health) => select::healths(self.fleet),
+            (None, About::Estimate) => select::estimates(self.fleet),
+            (None, About::Info) => select::infos(self.fleet),
+        }
+    }
+
+    /// Asks one vehicle, or all that are present.
     pub(super) fn ask<D: DeserializeOwned>(
         &self,
         about: About,
         vehicle: Option<Name>,
     ) -> miette::Result<Answers<D>> {
-        let selector = match vehicle {
-            Some(of) => about.key(of).in_fleet(self.fleet),
-            None => match about {
-                About::Health => select::healths(self.fleet),
-                _ => select::estimates(self.fleet),
-            },
-        };
-        eprintln!("selector: {selector}");
+        let selector = self.selector(about, vehicle);
         let present = self.wait_for_vehicles(vehicle)?;
         let mut answers = Answers {
             documents: BTreeMap::new(),
@@ -132,12 +179,27 @@ impl Observer {
         Ok(answers)
     }
 
+    /// The session, for what is more than a question.
+    pub(super) fn session(&self) -> &Session {
+        &self.session
+    }
+
     /// What to do when nobody is there.
     pub(super) fn advice(&self, vehicle: Option<Name>) -> String {
         let who = vehicle.map_or_else(
             || "no vehicle".to_owned(),
             |name| format!("no vehicle {name}"),
         );
+        let fleet = self.fleet;
+        format!(
+            "{who} of fleet {fleet} answered within {} s.\n{}",
+            self.wait.as_secs_f64(),
+            self.network_advice()
+        )
+    }
+
+    /// Why vehicles may be out of sight.
+    pub(super) fn network_advice(&self) -> String {
         let peers = self.session.info().peers_zid().wait().count();
         let network = if peers == 0 {
             "No Zenoh process was found at all: give --connect ENDPOINT of a vehicle (its `listen`), or --interface NAME \
@@ -145,10 +207,7 @@ impl Observer {
         } else {
             "Zenoh processes were found, but none with such a vehicle: is --fleet the one in its configuration?"
         };
-        format!(
-            "{who} of fleet {} answered within {} s.\n{network}\nIs `skein run` running there?",
-            self.fleet, self.wait_s
-        )
+        format!("{network}\nIs `skein run` running there?")
     }
 
     /// The vehicles whose tokens are seen: waits for the one asked for, or until their number has settled.

@@ -11,6 +11,8 @@ use std::time::Duration;
 const WATCH_EVERY: Duration = Duration::from_secs(1);
 
 #[derive(clap::Args)]
+#[command(after_help = "Example:
+  skein run --config skein.toml --log-format json")]
 pub(super) struct RunArgs {
     /// The vehicle's configuration (TOML).
     #[arg(long, value_name = "FILE")]

@@ -1,7 +1,8 @@
 //! `skein status`: the health of one vehicle or of all: neighbours, rates, counters, and why there is no estimate.
 
 use super::Ending;
-use super::observer::{Observer, ObserverArgs};
+use super::observer::{Observer, ObserverArgs, WaitArgs};
+use super::output::{plain, print, print_json};
 use crate::queries::About;
 use skein_proto::document::{HealthDocument, NeighbourHealth};
 use skein_proto::name::Name;
@@ -10,6 +11,10 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 
 #[derive(clap::Args)]
+#[command(after_help = "Examples:
+  skein status                       all vehicles
+  skein status v1 --json             one, as JSON
+It ends with 3 when nobody answers.")]
 pub(super) struct StatusArgs {
     /// The vehicle; all of the fleet without it.
     vehicle: Option<Name>,
@@ -17,11 +22,16 @@ pub(super) struct StatusArgs {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
+    wait: WaitArgs,
+    #[command(flatten)]
     observer: ObserverArgs,
 }
 
 pub(super) fn run(args: &StatusArgs) -> miette::Result<Ending> {
-    let observer = Observer::open(&args.observer)?;
+    let (network, fleet) = (args.observer.network(), args.observer.fleet());
+    let observer = Observer::open(&network, fleet, args.wait.wait)?;
+    let selector = observer.selector(About::Health, args.vehicle);
+    eprintln!("selector: {selector}");
     let answers = observer.ask::<HealthDocument>(About::Health, args.vehicle)?;
     for (vehicle, reason) in &answers.silent {
         eprintln!("{vehicle}: {reason}");
@@ -32,16 +42,11 @@ pub(super) fn run(args: &StatusArgs) -> miette::Result<Ending> {
     }
     let healths: Vec<HealthDocument> = answers.documents.into_values().collect();
     if args.json {
-        println!(
-            "{}",
-            String::from_utf8_lossy(&crate::queries::json(&healths))
-        );
+        print_json(&healths)
     } else {
-        for health in &healths {
-            print!("{}", page(health));
-        }
+        let pages: Vec<String> = healths.iter().map(page).collect();
+        print(&pages.concat())
     }
-    Ok(Ending::Done)
 }
 
 /// One vehicle's health for people. Writing to a string cannot fail, so its results are dropped.
@@ -56,7 +61,7 @@ fn page(health: &HealthDocument) -> String {
         health.uptime_s
     );
     if let Some(why) = &health.why {
-        let _ = writeln!(page, "  why: {why}");
+        let _ = writeln!(page, "  why: {}", plain(why));
     }
     let rounds = &health.rounds;
     let _ = writeln!(

@@ -273,9 +273,10 @@ impl Spoke {
             let Ok(edge) = Edge::with_offsets(measurement, Weight::Unit, from.1, to.1) else {
                 continue;
             };
-            let disagreement = edge.disagreement(&from.0.reframe(), &to.0.reframe());
+            let ends = (from.0.reframe(), to.0.reframe());
             let scale = kernel.scale(self.contact, noise.rotation_rad, noise.translation);
-            judged.add(scale.judge(&disagreement), disagreement, nth == 0);
+            let judgement = edge.judge(&scale, &ends.0, &ends.1);
+            judged.add(judgement, edge.disagreement(&ends.0, &ends.1), nth == 0);
         }
         judged.gated = self.ties.len() as u64;
         judged

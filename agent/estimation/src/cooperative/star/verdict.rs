@@ -2,6 +2,7 @@
 //! it was judged by.
 
 use super::{StarEdge, StarWorkspace, Tie};
+use crate::cooperative::edge::{Edge, Node};
 use crate::cooperative::kernel::{Disagreement, Scale};
 use crate::cooperative::measurement::Kind;
 
@@ -59,11 +60,11 @@ impl Verdict {
     }
 }
 
-impl Scale {
-    /// What a disagreement would be found.
+impl Edge {
+    /// What a measurement outside any star would be found by a scale, were its nodes these.
     #[must_use]
-    pub fn judge(&self, disagreement: &Disagreement) -> Judgement {
-        judgement(self.shares(disagreement).least())
+    pub fn judge(&self, scale: &Scale, from: &Node, to: &Node) -> Judgement {
+        judgement(self.judged(scale, from, to).share)
     }
 }
 
