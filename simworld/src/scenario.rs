@@ -450,6 +450,21 @@ mod tests {
     }
 
     #[test]
+    fn the_radio_that_the_readme_shows_can_be_flown_and_uses_every_key() {
+        let readme = include_str!("../../README.md");
+        let radio = readme.split("```toml\n[radio]\n").nth(1).unwrap();
+        let radio = radio.split("```").next().unwrap();
+        let team = SMALLEST.replace("count = 2", "count = 5");
+        let scenario = Scenario::parse(&format!("{team}[radio]\n{radio}"), "README.md").unwrap();
+        let written = toml::to_string(&scenario.radio).unwrap();
+        let keys: toml::Table = toml::from_str(&written).unwrap();
+        assert_eq!(keys.len(), 11, "{written}");
+        for key in keys.keys() {
+            assert!(radio.contains(&format!("{key} = ")), "{key}");
+        }
+    }
+
+    #[test]
     fn silences_and_partitions_are_bounded() {
         let entries = |entry: &str, n: usize| format!("[{}]", [entry].repeat(n).join(", "));
         let silences = |n| format!("silences = {}", entries("{ from_s = 1, to_s = 2 }", n));
