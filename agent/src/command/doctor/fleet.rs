@@ -73,7 +73,7 @@ fn estimate(vehicle: &Name, health: &HealthDocument) -> Finding {
 fn own_clock(vehicle: &Name, health: &HealthDocument, now: Stamp) -> Option<Finding> {
     let apart_s = (Stamp::from_nanos(health.taken_ns) - now).as_secs_f64();
     // A health is up to a second old: that much is no clock error.
-    let is_apart = apart_s > CLOCKS_APART_S || apart_s < -(CLOCKS_APART_S + 1.0);
+    let is_apart = !(-(CLOCKS_APART_S + 1.0)..=CLOCKS_APART_S).contains(&apart_s);
     clocks_apart(
         &format!("{vehicle} clock"),
         "this machine's",
