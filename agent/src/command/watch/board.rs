@@ -104,7 +104,7 @@ impl Board {
         let row = self.row(vehicle)?;
         row.boot = Some(boot);
         row.vanished = false;
-        Some(format!("{vehicle:<14} appeared"))
+        Some(format!("{:<14} appeared", vehicle.as_str()))
     }
 
     /// Takes a token that went; the line that it is worth. An old boot's is worth none.
@@ -114,7 +114,7 @@ impl Board {
             return None;
         }
         row.vanished = true;
-        Some(format!("{vehicle:<14} vanished"))
+        Some(format!("{:<14} vanished", vehicle.as_str()))
     }
 
     /// The row of a vehicle. When there is room for no more, one that vanished makes place; else there is none.
@@ -164,6 +164,8 @@ fn header() -> String {
 
 impl Row {
     fn line(&self, vehicle: Name, now: Stamp) -> String {
+        // As a text: a name by itself does not fill its column.
+        let vehicle = vehicle.as_str();
         let Some(shown) = &self.shown else {
             let word = if self.vanished {
                 "vanished"
@@ -248,6 +250,11 @@ mod tests {
             real_now(),
         );
         let line = told.unwrap();
+        assert_eq!(
+            line.find("alone"),
+            header().find("status"),
+            "under its title"
+        );
         for expected in [
             "v1",
             "alone",
