@@ -54,9 +54,14 @@ fn estimates(log: &[Logged], of: std::ops::Range<usize>) -> Vec<&Logged> {
         .collect()
 }
 
-/// Four robots fly; the process of the fifth is not started yet.
+/// Four robots that all see each other fly; the process of the fifth is not started yet.
 fn four(delay_s: f64, sample: u64) -> Fleet {
-    let mut fleet = Fleet::new(&scenario(delay_s), sample);
+    let hover = Scenario::built_in_text("hover").unwrap();
+    let five = hover.replace("count = 4", "count = 5");
+    let mut scenario = Scenario::parse(&five, "five").unwrap();
+    scenario.radio.delay_s = delay_s;
+    eprintln!("hover, five, seed {}, delay {delay_s} s", scenario.seed);
+    let mut fleet = Fleet::new(&scenario, sample);
     fleet.kill(INTRUDER);
     fleet.log();
     fleet
