@@ -129,6 +129,7 @@ fn a_second_process_under_a_name_is_found_by_everybody_within_two_seconds_and_ne
 fn the_others_fly_bit_by_bit_as_if_the_doubled_name_had_fallen_silent_when_it_was_found() {
     for (delay_s, sample) in [(0.0, 2), (0.01, 3), (0.1, 4)] {
         let (mut invaded, found_ns) = invaded(delay_s, sample);
+        assert_eq!(found_ns.len(), HEARERS.len());
         invaded.run_until(nanos(15.0));
 
         let mut silent = four(delay_s, sample);
