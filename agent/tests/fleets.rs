@@ -37,6 +37,8 @@ fn started(fleet: &str, vehicle: &str, connect: Vec<String>) -> Agent {
         network: NetworkSettings::loopback(connect),
         clock: Clock::real(),
         log: None,
+        checkpoint: None,
+        rpc: false,
         faults: None,
     };
     let agent = Agent::start(settings).unwrap();

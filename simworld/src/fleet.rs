@@ -435,7 +435,8 @@ impl<S: Stage> Fleet<S> {
             match output {
                 Output::Send { key, bytes } => self.send(vehicle, key, &bytes),
                 Output::Estimate { document, .. } => {
-                    self.members[vehicle].estimate = Some(document)
+                    self.stage.told(vehicle, &document);
+                    self.members[vehicle].estimate = Some(document);
                 }
                 Output::Health(document) => self.members[vehicle].health = Some(document),
                 Output::Checkpoint(checkpoint) => {

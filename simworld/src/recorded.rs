@@ -3,6 +3,7 @@
 
 use crate::calibration::{CalibratedReading, Calibration, Readings};
 use crate::evaluation::{Scored, Space, TeamScore, score_team};
+use crate::fleet::pose_of;
 use crate::mrclam::{Recording, Subject};
 use crate::radio::{Radio, RadioSettings};
 use crate::stage::Stage;
@@ -10,10 +11,12 @@ use crate::streams::Streams;
 use crate::truth::{Pose, yaw_rad};
 use crate::tum::StampedPose;
 use crate::world::{Delivery, numbers, transform};
+use nalgebra::Point3;
 use serde::Serialize;
 use skein_estimation::Transform;
 use skein_estimation::cooperative::{Mode, Optimiser};
 use skein_estimation::time::Span;
+use skein_proto::document::EstimateDocument;
 use skein_proto::frame::{FixFrame, FixValue, Frame, OdometryFrame, RelativeFrame, RelativeValue};
 use skein_proto::name::Name;
 use skein_vehicle::{Config, SensorConfig, Start};
@@ -36,6 +39,28 @@ const RADIO_DELAY_S: f64 = 0.002;
 const ODOMETRY: &str = "odometry";
 const CAMERA: &str = "camera";
 
+/// How the vehicles know which robot a reading is of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Identities {
+    /// By the barcode, as recorded.
+    #[default]
+    Recorded,
+    /// Not at all: each reading is laid to the robot whose published estimate is nearest to what was seen, as a camera
+    /// does that sees robots but not which. In virtual time only.
+    Nearest,
+}
+
+/// How often the nearest robot was the right one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Assigned {
+    /// Readings of robots.
+    pub readings: u64,
+    /// Laid to the robot that it was.
+    pub right: u64,
+    /// Nobody had an estimate yet.
+    pub dropped: u64,
+}
+
 /// A recording, cut at the start and turned into frames. Zero is its first common time; until then everyone stands.
 #[derive(Debug)]
 pub struct Recorded {
@@ -46,6 +71,11 @@ pub struct Recorded {
     starts: Vec<Pose>,
     frames: Vec<Vec<Delivery>>,
     next: Vec<usize>,
+    mode: Mode,
+    identities: Identities,
+    /// The newest published poses.
+    published: Vec<Option<Pose>>,
+    assigned: Assigned,
 }
 
 /// A recording that cannot be flown.
@@ -83,6 +113,10 @@ impl Recorded {
             .collect::<Result<_, _>>()?;
         let mut recorded = Self {
             next: vec![0; starts.len()],
+            published: vec![None; starts.len()],
+            assigned: Assigned::default(),
+            mode: Mode::default(),
+            identities: Identities::default(),
             frames: Vec::new(),
             recording,
             calibration,
@@ -94,6 +128,55 @@ impl Recorded {
             .map(|robot| recorded.make_frames(robot, readings))
             .collect();
         Ok(recorded)
+    }
+
+    /// The same, flown in another mode.
+    #[must_use]
+    pub const fn in_mode(mut self, mode: Mode) -> Self {
+        self.mode = mode;
+        self
+    }
+
+    /// The same with identities known otherwise.
+    #[must_use]
+    pub const fn with_identities(mut self, identities: Identities) -> Self {
+        self.identities = identities;
+        self
+    }
+
+    /// How often readings were laid to the right robot, when their identities were dropped.
+    #[must_use]
+    pub fn assigned(&self) -> Option<Assigned> {
+        (self.identities == Identities::Nearest).then_some(self.assigned)
+    }
+
+    /// Lays a reading to the robot that is thought to be nearest to what was seen. False when there is none.
+    fn identify(&mut self, observer: usize, frame: &mut RelativeFrame) -> bool {
+        let RelativeValue::Position { position_m, .. } = frame.value else {
+            return true;
+        };
+        let Some(own) = &self.published[observer] else {
+            self.assigned.dropped += 1;
+            return false;
+        };
+        let seen = own * Point3::from(position_m);
+        let apart_m = |robot: usize| {
+            let place = self.published[robot].as_ref()?.translation.vector;
+            Some((seen.coords - place).xy().norm())
+        };
+        let others = (0..self.starts.len()).filter(|robot| *robot != observer);
+        let nearest = others
+            .filter_map(|robot| Some((robot, apart_m(robot)?)))
+            .min_by(|a, b| a.1.total_cmp(&b.1));
+        let Some((robot, _)) = nearest else {
+            self.assigned.dropped += 1;
+            return false;
+        };
+        let name = self.name(robot);
+        self.assigned.readings += 1;
+        self.assigned.right += u64::from(frame.target == name);
+        frame.target = name;
+        true
     }
 
     /// The radio of a flight in virtual time.
@@ -257,7 +340,7 @@ impl Stage for Recorded {
             period: Span::from_nanos(PERIOD_NS),
             round_wait: Span::from_nanos(PERIOD_NS / 2 * 3),
             start: Start::Pose(transform(&self.starts[vehicle])),
-            mode: Mode::default(),
+            mode: self.mode,
             optimiser: Optimiser::gauss_newton(),
             sensors: vec![sensor(ODOMETRY), sensor(CAMERA)],
             body_from_target: Transform::identity(),
@@ -272,7 +355,18 @@ impl Stage for Recorded {
         let frames = &self.frames[vehicle][from..];
         let count = frames.partition_point(|delivery| delivery.at_ns <= instant_ns);
         self.next[vehicle] = from + count;
-        frames[..count].to_vec()
+        let mut frames = frames[..count].to_vec();
+        if self.identities == Identities::Nearest {
+            frames.retain_mut(|delivery| match &mut delivery.frame {
+                Frame::Relative(frame) => self.identify(vehicle, frame),
+                _ => true,
+            });
+        }
+        frames
+    }
+
+    fn told(&mut self, vehicle: usize, estimate: &EstimateDocument) {
+        self.published[vehicle] = estimate.pose.as_ref().map(pose_of);
     }
 }
 
@@ -291,6 +385,9 @@ pub struct ReplayScore {
     pub dead_reckoning: Score,
     /// One row a robot.
     pub robots: Vec<RobotScore>,
+    /// How often the right robot was found, when identities were dropped.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub identities: Option<Assigned>,
 }
 
 /// The team's score.
@@ -368,6 +465,7 @@ impl Flown {
             team: score_team(&estimates, Space::Planar)?.into(),
             dead_reckoning: score_team(&odometry, Space::Planar)?.into(),
             robots: robots.collect(),
+            identities: recorded.assigned(),
         })
     }
 

@@ -2,6 +2,7 @@
 
 use crate::truth::Pose;
 use crate::world::Delivery;
+use skein_proto::document::EstimateDocument;
 use skein_vehicle::Config;
 
 /// Times are nanoseconds since the stage's own zero; stamps are on the vehicles' clocks.
@@ -25,6 +26,11 @@ pub trait Stage {
     /// Everything that a vehicle's drivers bring for the round that ends at `instant_ns`. Asked for every round once,
     /// in order, one period ahead.
     fn round(&mut self, vehicle: usize, instant_ns: i64) -> Vec<Delivery>;
+
+    /// A vehicle has published an estimate. For stages whose drivers use what the vehicle knows.
+    fn told(&mut self, vehicle: usize, estimate: &EstimateDocument) {
+        let _ = (vehicle, estimate);
+    }
 
     /// The first round instant of a vehicle's clock at or after a time.
     fn first_instant_ns(&self, vehicle: usize, from_ns: i64) -> i64 {

@@ -316,6 +316,7 @@ impl Stand {
                 }
                 Output::Estimate { document, .. } => self.estimate = Some(document),
                 Output::Health(document) => self.health = Some(document),
+                Output::Checkpoint(_) => {}
             }
         }
     }
@@ -469,7 +470,7 @@ fn listened(
                     estimates.retain(|known| known.taken_ns != document.taken_ns);
                     estimates.push(*document);
                 }
-                Output::Send { .. } => {}
+                Output::Send { .. } | Output::Checkpoint(_) => {}
             }
         }
     };

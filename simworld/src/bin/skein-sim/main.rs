@@ -7,6 +7,7 @@ mod experiment;
 mod files;
 #[cfg(feature = "live")]
 mod fly;
+mod mode_name;
 mod replay;
 
 use clap::{Parser, Subcommand};

@@ -1,6 +1,7 @@
 //! `skein-sim replay`: recordings of real robots, each robot fed to a vehicle of its own.
 
 use crate::files;
+use crate::mode_name::ModeName;
 use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use miette::{IntoDiagnostic, WrapErr, miette};
@@ -8,7 +9,7 @@ use skein_simworld::calibration::{Calibration, Readings};
 use skein_simworld::datasets;
 use skein_simworld::fleet::{Fleet, pose_of};
 use skein_simworld::plot::{self, Path, PathKind};
-use skein_simworld::recorded::{Flown, Recorded, ReplayScore, Score};
+use skein_simworld::recorded::{Assigned, Flown, Identities, Recorded, ReplayScore, Score};
 use skein_simworld::stage::Stage;
 use skein_simworld::tum::{self, StampedPose};
 use std::fmt::Write;
@@ -41,6 +42,12 @@ pub(crate) struct MrclamArguments {
     /// Stop after so many recorded seconds.
     #[arg(long)]
     duration: Option<f64>,
+    /// How rounds are weighed: `star` (robust, the default) or `paper`.
+    #[arg(long, value_enum, default_value_t = ModeName::Star)]
+    mode: ModeName,
+    /// Drop which robot each reading is of, and lay it to the nearest by the published estimates; with --virtual.
+    #[arg(long, requires = "in_virtual_time")]
+    drop_identities: bool,
     /// Where the TUM and SVG files go.
     #[arg(long, default_value = "out/mrclam")]
     output: PathBuf,
@@ -70,7 +77,15 @@ pub(crate) fn run(replay: &Replay) -> miette::Result<()> {
     } else {
         Readings::OfRobots
     };
-    let recorded = Recorded::new(recording, calibration, readings).into_diagnostic()?;
+    let identities = if arguments.drop_identities {
+        Identities::Nearest
+    } else {
+        Identities::Recorded
+    };
+    let recorded = Recorded::new(recording, calibration, readings)
+        .into_diagnostic()?
+        .in_mode(arguments.mode.mode())
+        .with_identities(identities);
     let end_ns = match arguments.duration {
         Some(duration_s) => recorded.duration_ns().min((duration_s * 1e9) as i64),
         None => recorded.duration_ns(),
@@ -96,6 +111,17 @@ pub(crate) fn run(replay: &Replay) -> miette::Result<()> {
         );
     } else {
         print!("{}", table(&score));
+        if let Some(Assigned {
+            readings,
+            right,
+            dropped,
+        }) = score.identities
+        {
+            println!(
+                "\nidentities dropped: {right} of {readings} readings ({:.2} %) laid to the right robot, {dropped} to nobody",
+                100.0 * right as f64 / readings.max(1) as f64
+            );
+        }
         println!("\nTUM and SVG files: {}", arguments.output.display());
     }
     Ok(())
