@@ -6,6 +6,7 @@ use skein_proto::document::EstimateDocument;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::time::{Duration, Instant};
 
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -56,12 +57,21 @@ impl Drop for Folder {
     }
 }
 
-/// A command that still runs; killed at the end of a test that failed.
-struct Running(Child);
+/// A command that still runs; killed at the end of a test that failed, and when it runs for too long.
+struct Running(Child, Option<Sender<()>>);
 
 impl Running {
     fn start(arguments: &[&str]) -> Self {
-        Self(command(arguments).spawn().unwrap())
+        let child = command(arguments).spawn().unwrap();
+        let pid = child.id().to_string();
+        let (ended, watched) = channel();
+        // So that a test which waits for a line that never comes fails instead of waiting.
+        std::thread::spawn(move || {
+            if watched.recv_timeout(PATIENCE) == Err(RecvTimeoutError::Timeout) {
+                let _ = Command::new("kill").args(["-KILL", &pid]).status();
+            }
+        });
+        Self(child, Some(ended))
     }
 
     fn lines(&mut self) -> impl Iterator<Item = String> + use<> {
@@ -81,7 +91,8 @@ impl Running {
         let since = Instant::now();
         loop {
             if let Some(status) = self.0.try_wait().unwrap() {
-                return status.code().unwrap();
+                self.1 = None;
+                return status.code().expect("it ended by itself");
             }
             assert!(since.elapsed() < PATIENCE, "it has not ended");
             std::thread::sleep(Duration::from_millis(5));
@@ -91,6 +102,7 @@ impl Running {
 
 impl Drop for Running {
     fn drop(&mut self) {
+        self.1 = None;
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
