@@ -172,7 +172,8 @@ pub struct NeighbourHealth {
     pub accepted: BTreeMap<String, u64>,
     /// Measurements of it or by it that went into a solution.
     pub fused: u64,
-    /// By how much the robust kernel is widened for it: 1 in good contact, more after silence. Absent in mode `paper`.
+    /// By how much the robust kernel's scale of lengths is widened for it: 1 in good contact, more after silence. Absent
+    /// in mode `paper`.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub kernel_widening: Option<f64>,
     /// The last measurement of it or by it that the kernel rejected.

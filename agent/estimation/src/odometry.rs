@@ -5,5 +5,5 @@
 pub mod growth;
 pub mod track;
 
-pub use growth::Growth;
+pub use growth::{Drift, Growth};
 pub use track::{Gap, OdometryPoint, Track};

@@ -16,7 +16,7 @@ use crate::neighbours::{Boot, HeardExchange, Neighbours};
 use crate::refused::Refused;
 use crate::rounds::{ROUNDS_LATE_MAX, Round};
 use crate::translate::{self, Sighting};
-use crate::trust::Trust;
+use crate::trust::{Mark, Trust};
 
 /// A reading so near to an instant is taken for one at it: no odometry is needed, and a clock offset's jitter moves
 /// nothing (at 10 m/s by 2 mm).
@@ -35,7 +35,7 @@ pub(crate) struct Material<'a> {
     /// The kernel of the mode, if it has one.
     pub(crate) kernel: Option<Kernel>,
     /// Since when this vehicle has a pose.
-    pub(crate) placed_since: Stamp,
+    pub(crate) placed_since: Mark,
     /// The trust in its fixes.
     pub(crate) fix_trust: Trust,
     /// Whether what is missing will no longer be waited for.
@@ -123,9 +123,10 @@ impl<'a> Material<'a> {
     }
 
     fn contact(&self, trust: &Trust) -> Contact {
-        let (instant, since) = (self.round.instant, self.placed_since);
-        let contact = |kernel| trust.contact(instant, self.period, since, &kernel);
-        self.kernel.map_or(Contact::FRESH, contact)
+        let judged = self.kernel.zip(self.round.odometry.as_ref());
+        judged.map_or(Contact::FRESH, |(kernel, point)| {
+            trust.contact(point, self.period, &self.placed_since, &kernel)
+        })
     }
 
     /// Everybody whom this vehicle measured in the round, or who was heard in it.

@@ -283,12 +283,13 @@ impl Vehicle {
                 .iter()
                 .map(|(name, neighbour)| {
                     let mut document = neighbour.to_document(now, period, timeout);
-                    document.kernel_widening = self.config.mode.kernel().map(|kernel| {
-                        let contact =
-                            neighbour
-                                .trust
-                                .contact(now, period, self.placed_since, &kernel);
-                        contact.factor()
+                    let judged = self.config.mode.kernel().zip(self.reckoning.newest());
+                    document.kernel_widening = judged.map(|(kernel, point)| {
+                        let since = &self.placed_since;
+                        neighbour
+                            .trust
+                            .contact(point, period, since, &kernel)
+                            .translation()
                     });
                     (name.to_string(), document)
                 })

@@ -5,6 +5,7 @@
 //! only put into quarantine while more of the others agree with this vehicle than disagree.
 
 use skein_estimation::cooperative::{Contact, Disagreement, Kernel};
+use skein_estimation::odometry::{Growth, OdometryPoint};
 use skein_estimation::time::{Span, Stamp};
 
 /// Rounds in a row in which everything was rejected, after which a neighbour is doubted.
@@ -23,7 +24,7 @@ const QUARANTINE_WIDENING: f64 = 0.1;
 pub(crate) struct Trust {
     contact: Contact,
     /// When the contact was that.
-    at: Option<Stamp>,
+    at: Option<Mark>,
     accepted_at: Option<Stamp>,
     /// Rounds in a row in which everything was rejected.
     rejected: u32,
@@ -32,7 +33,23 @@ pub(crate) struct Trust {
     pub(crate) last_rejected: Option<Disagreement>,
 }
 
-/// Since it began.
+/// An instant, and how far odometry may have drifted until then.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Mark {
+    pub(crate) instant: Stamp,
+    pub(crate) growth: Growth,
+}
+
+impl Mark {
+    pub(crate) const fn of(point: &OdometryPoint) -> Self {
+        Self {
+            instant: point.taken,
+            growth: point.growth,
+        }
+    }
+}
+
+/// A neighbour's time out of use.
 #[derive(Clone, Copy, Debug)]
 struct Quarantine {
     agreeing: u32,
@@ -50,31 +67,37 @@ pub(crate) enum Outcome {
 }
 
 impl Trust {
-    /// The contact at an instant: `rounds` of length `period` without an accepted measurement have widened it. The first
-    /// measurement of all is judged as after silence since `since`, when this vehicle began to have a pose.
+    /// The contact at a point of this vehicle's odometry, widened by what both may have drifted since the last accepted
+    /// measurement; the neighbour is taken to drift like this vehicle. The first measurement of all is judged as after
+    /// silence since `since`, when this vehicle began to have a pose.
     pub(crate) fn contact(
         &self,
-        instant: Stamp,
+        point: &OdometryPoint,
         period: Span,
-        since: Stamp,
+        since: &Mark,
         kernel: &Kernel,
     ) -> Contact {
         let mut contact = self.contact;
-        let silent = instant - self.at.unwrap_or(since);
-        let rounds = silent.as_secs_f64() / period.as_secs_f64() - 1.0;
-        let pace = if self.is_quarantined() {
-            QUARANTINE_WIDENING
-        } else {
-            1.0
-        };
-        contact.widen(pace * rounds, kernel);
+        let mark = self.at.as_ref().unwrap_or(since);
+        let silent = point.taken - mark.instant - period;
+        if silent <= Span::ZERO {
+            return contact;
+        }
+        let position = &point.odometry_from_body.translation;
+        let mut drift = point.growth.drift_since(&mark.growth, position).of_a_pair();
+        let mut rounds = silent.as_secs_f64() / period.as_secs_f64();
+        if self.is_quarantined() {
+            drift = drift.scaled(QUARANTINE_WIDENING);
+            rounds *= QUARANTINE_WIDENING;
+        }
+        contact.widen(drift, rounds, kernel);
         contact
     }
 
-    /// Takes what a round at `instant` said, which was judged by `contact`.
+    /// Takes what a round at a point of odometry said, which was judged by `contact`.
     pub(crate) fn judge(
         &mut self,
-        instant: Stamp,
+        mark: Mark,
         contact: Contact,
         outcome: Outcome,
         kernel: &Kernel,
@@ -83,8 +106,8 @@ impl Trust {
             Outcome::Agreed => {
                 self.contact = contact;
                 self.contact.accepted(kernel);
-                self.at = Some(instant);
-                self.accepted_at = Some(instant);
+                self.at = Some(mark);
+                self.accepted_at = Some(mark.instant);
                 self.rejected = 0;
                 if let Some(quarantine) = &mut self.quarantine {
                     quarantine.agreeing += 1;
@@ -109,14 +132,14 @@ impl Trust {
 
     /// Begins the quarantine of a doubted neighbour if enough others agree with this vehicle: `good` in good contact
     /// against `doubted` that are not. True when it begins now.
-    pub(crate) fn quarantine(&mut self, instant: Stamp, good: usize, doubted: usize) -> bool {
+    pub(crate) fn quarantine(&mut self, mark: Mark, good: usize, doubted: usize) -> bool {
         let begins =
             !self.is_quarantined() && self.is_doubted() && good >= WITNESSES_MIN && good > doubted;
         if begins {
             self.quarantine = Some(Quarantine { agreeing: 0 });
             // What it was judged by so far followed its own disagreement.
             self.contact = Contact::FRESH;
-            self.at = Some(instant);
+            self.at = Some(mark);
         }
         begins
     }
@@ -138,6 +161,8 @@ impl Trust {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Vector3;
+    use skein_estimation::Transform;
 
     const PERIOD: Span = Span::millis(200);
     const FAR: Outcome = Outcome::Disagreed(Disagreement {
@@ -149,15 +174,31 @@ mod tests {
         Stamp::default() + PERIOD * k
     }
 
+    /// Standing still, of odometry that may turn by 0.02 rad per axis and round.
+    fn point(k: i64) -> OdometryPoint {
+        let mut growth = Growth::zero();
+        for _ in 0..k {
+            growth = growth.after(&Vector3::zeros(), 0.02, 0.001);
+        }
+        OdometryPoint {
+            taken: round(k),
+            segment: 0,
+            odometry_from_body: Transform::identity(),
+            growth,
+        }
+    }
+
+    fn contact(trust: &Trust, k: i64) -> Contact {
+        trust.contact(&point(k), PERIOD, &Mark::of(&point(0)), &Kernel::DEFAULT)
+    }
+
     fn factor(trust: &Trust, k: i64) -> f64 {
-        trust
-            .contact(round(k), PERIOD, round(0), &Kernel::DEFAULT)
-            .factor()
+        contact(trust, k).rotation()
     }
 
     fn judge(trust: &mut Trust, k: i64, outcome: Outcome) {
-        let contact = trust.contact(round(k), PERIOD, round(0), &Kernel::DEFAULT);
-        trust.judge(round(k), contact, outcome, &Kernel::DEFAULT);
+        let contact = contact(trust, k);
+        trust.judge(Mark::of(&point(k)), contact, outcome, &Kernel::DEFAULT);
     }
 
     #[test]
@@ -168,8 +209,10 @@ mod tests {
             (factor(&trust, 2) - 1.0).abs() < 1e-12,
             "no round was missed"
         );
-        let widening = Kernel::DEFAULT.widening;
-        assert!((factor(&trust, 52) - (1.0 + 50.0 * widening)).abs() < 1e-9);
+        // 51 turns of 0.02 rad about three axes, of two vehicles, and fifty rounds.
+        let turned = 0.02 * (3.0 * 51.0 * 2.0_f64).sqrt() / Kernel::DEFAULT.rotation_floor_rad;
+        let expected = 1.0 + Kernel::DEFAULT.widening * turned + 50.0 * 0.01;
+        assert!((factor(&trust, 52) - expected).abs() < 1e-9, "{expected}");
         judge(&mut trust, 52, FAR);
         assert!(
             factor(&trust, 53) > factor(&trust, 52),
@@ -185,20 +228,24 @@ mod tests {
      {
         let mut trust = Trust::default();
         for k in 1..=10 {
-            assert!(!trust.quarantine(round(k), 3, 1), "round {k}");
+            assert!(!trust.quarantine(Mark::of(&point(k)), 3, 1), "round {k}");
             judge(&mut trust, k, FAR);
         }
         assert!(
-            !trust.clone().quarantine(round(10), 1, 0),
+            !trust.clone().quarantine(Mark::of(&point(10)), 1, 0),
             "one witness is none"
         );
         assert!(
-            !trust.clone().quarantine(round(10), 2, 2),
+            !trust.clone().quarantine(Mark::of(&point(10)), 2, 2),
             "half against half"
         );
-        assert!(trust.quarantine(round(10), 3, 1));
-        assert!(trust.is_quarantined() && !trust.quarantine(round(11), 3, 1));
-        assert!(factor(&trust, 61) < 1.0 + 0.2 * 50.0 * Kernel::DEFAULT.widening);
+        assert!(trust.quarantine(Mark::of(&point(10)), 3, 1));
+        assert!(trust.is_quarantined() && !trust.quarantine(Mark::of(&point(11)), 3, 1));
+        let others = Trust {
+            at: Some(Mark::of(&point(10))),
+            ..Trust::default()
+        };
+        assert!(factor(&trust, 61) - 1.0 < 0.11 * (factor(&others, 61) - 1.0));
         for k in 61..65 {
             judge(&mut trust, k, Outcome::Agreed);
         }

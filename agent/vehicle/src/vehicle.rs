@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use skein_estimation::cooperative::{Solution, SolveStatus, Star, StarWorkspace};
-use skein_estimation::odometry::OdometryPoint;
+use skein_estimation::odometry::{Growth, OdometryPoint};
 use skein_estimation::time::{Span, Stamp};
 use skein_estimation::{Body, Transform, World};
 use skein_proto::frame::{Frame, RelativeValue};
@@ -26,7 +26,7 @@ use crate::rounds::{Loss, OPEN_MAX, Round, Rounds};
 use crate::sensors::{Reading, Sensors};
 use crate::speaking::{PARTNERS_MAX, Speech};
 use crate::translate;
-use crate::trust::{Outcome, Trust};
+use crate::trust::{Mark, Outcome, Trust};
 
 /// How often the health is published.
 const HEALTH_EVERY: Span = Span::secs(1);
@@ -45,7 +45,7 @@ pub struct Vehicle {
     rounds: Rounds,
     placing: Placing,
     /// Since when it has a pose.
-    pub(crate) placed_since: Stamp,
+    pub(crate) placed_since: Mark,
     fix_trust: Trust,
     pub(crate) speech: Speech,
     star: Star,
@@ -77,7 +77,10 @@ impl Vehicle {
             neighbours: Neighbours::default(),
             rounds: Rounds::new(now, config.period, config.round_wait),
             placing: Placing::default(),
-            placed_since: now,
+            placed_since: Mark {
+                instant: now,
+                growth: Growth::zero(),
+            },
             fix_trust: Trust::default(),
             speech,
             star: Star::new(Transform::identity())
@@ -361,7 +364,7 @@ impl Vehicle {
                         ),
                     };
                     self.finish(now, round, &odometry, &built, &solution, world_from_body);
-                    self.judge(now, round, &judged);
+                    self.judge(now, Mark::of(&odometry), &judged);
                     let agreed = |judged: &Judged| judged.outcome == Outcome::Agreed;
                     if judged.is_empty() || judged.iter().any(agreed) {
                         self.counts.corrected_at = Some(round.instant);
@@ -410,12 +413,12 @@ impl Vehicle {
         {
             self.reckoning.correct(odometry, world_from_body);
             self.counts.corrected_at = Some(round.instant);
-            self.begin_anew(round.instant);
+            self.begin_anew(Mark::of(odometry));
         }
     }
 
     /// The vehicle has a new pose from `since` on: how far it was in agreement with others before tells nothing.
-    fn begin_anew(&mut self, since: Stamp) {
+    fn begin_anew(&mut self, since: Mark) {
         self.moved = true;
         self.placed_since = since;
         self.fix_trust = Trust::default();
@@ -432,7 +435,12 @@ impl Vehicle {
             return;
         };
         self.reckoning.set_pose(world_from_body);
-        self.begin_anew(self.now);
+        let newest = self.reckoning.newest();
+        let begun = Mark {
+            instant: self.now,
+            growth: Growth::zero(),
+        };
+        self.begin_anew(newest.map_or(begun, Mark::of));
     }
 
     fn count_refusals(&mut self, now: Stamp, built: &Built) {
@@ -498,15 +506,14 @@ impl Vehicle {
 
     /// Takes what a round said of each neighbour and of the fixes: contact narrows, silence and disagreement do not, and
     /// whoever goes on disagreeing while others agree is put into quarantine.
-    fn judge(&mut self, now: Stamp, round: &Round, judged: &[Judged]) {
+    fn judge(&mut self, now: Stamp, mark: Mark, judged: &[Judged]) {
         let Some(kernel) = self.config.mode.kernel() else {
             return;
         };
-        let instant = round.instant;
         for judged in judged {
             let Some(name) = judged.neighbour else {
                 self.fix_trust
-                    .judge(instant, judged.contact, judged.outcome, &kernel);
+                    .judge(mark, judged.contact, judged.outcome, &kernel);
                 for sensor in &judged.gated_fixes {
                     self.sensors.count(now, *sensor, 0, &Err(Refused::Gated));
                 }
@@ -525,7 +532,7 @@ impl Vehicle {
             }
             neighbour
                 .trust
-                .judge(instant, judged.contact, judged.outcome, &kernel);
+                .judge(mark, judged.contact, judged.outcome, &kernel);
         }
         let (mut good, mut doubted) = (0, 0);
         for (_, neighbour) in self.neighbours.iter() {
@@ -538,7 +545,7 @@ impl Vehicle {
             .collect();
         for name in names {
             if let Some(neighbour) = self.neighbours.get_mut(name)
-                && neighbour.trust.quarantine(instant, good, doubted)
+                && neighbour.trust.quarantine(mark, good, doubted)
             {
                 neighbour.counts.quarantines += 1;
             }

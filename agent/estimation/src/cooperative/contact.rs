@@ -1,50 +1,80 @@
 //! How well a vehicle keeps in contact with one neighbour, or with its fixes: by how much more than usual their poses
-//! may have drifted apart. It is the factor by which the kernel's scale is widened.
-//!
-//! It is kept for each neighbour by itself: a vehicle in contact with its own half of a team that was split would else
-//! refuse the other half's correct measurements when they meet again.
+//! may have drifted apart. It is what the kernel's scale is widened by.
 
 use super::kernel::Kernel;
+use crate::odometry::Drift;
 
-/// The widest factor: the default floor of 0.2 m has then become 40 m.
+/// The widest factor: beyond it the floor of 0.2 m has become 40 m, and nothing is refused that could be used.
 pub const WIDEST: f64 = 200.0;
 
-/// The widening of the kernel for one neighbour, from 1 (in contact) to [`WIDEST`].
+/// What every round without contact adds, whatever odometry says of itself: a driver that states too little noise must
+/// not shut its neighbours out for good.
+const WIDENING_MIN: f64 = 0.01;
+
+/// The widening of the kernel for one neighbour: a factor from 1 (in contact) to [`WIDEST`] for angles, and one for
+/// lengths.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contact {
-    factor: f64,
+    rotation: f64,
+    translation: f64,
 }
 
 impl Contact {
     /// In contact: the scale is at its floor.
-    pub const FRESH: Self = Self { factor: 1.0 };
+    pub const FRESH: Self = Self {
+        rotation: 1.0,
+        translation: 1.0,
+    };
 
     /// Out of contact for longer than counts.
-    pub const LOST: Self = Self { factor: WIDEST };
+    pub const LOST: Self = Self {
+        rotation: WIDEST,
+        translation: WIDEST,
+    };
 
-    /// Lets `rounds` go by without an accepted measurement. Time that runs back or is not a number widens nothing.
-    pub fn widen(&mut self, rounds: f64, kernel: &Kernel) {
-        let by = kernel.widening * rounds;
-        if by > 0.0 {
-            self.factor = (self.factor + by).min(WIDEST);
-        }
+    /// Lets `rounds` go by without an accepted measurement, in which the two may have drifted apart so far. What is not a
+    /// number widens nothing.
+    pub fn widen(&mut self, drift: Drift, rounds: f64, kernel: &Kernel) {
+        let least = WIDENING_MIN * rounds;
+        let widened = |factor: f64, drift: f64, floor: f64| {
+            let by = kernel.widening * drift / floor + least;
+            if by > 0.0 {
+                (factor + by).min(WIDEST)
+            } else {
+                factor
+            }
+        };
+        self.rotation = widened(self.rotation, drift.rotation_rad, kernel.rotation_floor_rad);
+        self.translation = widened(
+            self.translation,
+            drift.translation_m,
+            kernel.translation_floor_m,
+        );
     }
 
     /// A measurement was accepted: what disagreed has been pulled together.
     pub fn accepted(&mut self, kernel: &Kernel) {
-        let narrowed = self.factor * kernel.narrowing;
-        // What is not a number is not above one.
-        self.factor = if narrowed > 1.0 {
-            narrowed.min(WIDEST)
-        } else {
-            1.0
-        };
+        for factor in [&mut self.rotation, &mut self.translation] {
+            let narrowed = *factor * kernel.narrowing;
+            // What is not a number is not above one.
+            *factor = if narrowed > 1.0 {
+                narrowed.min(WIDEST)
+            } else {
+                1.0
+            };
+        }
     }
 
-    /// By what the floor of the kernel is multiplied.
+    /// By what the kernel's floor of angles is multiplied.
     #[must_use]
-    pub const fn factor(self) -> f64 {
-        self.factor
+    pub const fn rotation(self) -> f64 {
+        self.rotation
+    }
+
+    /// By what the kernel's floor of lengths is multiplied.
+    #[must_use]
+    pub const fn translation(self) -> f64 {
+        self.translation
     }
 }
 
@@ -59,36 +89,49 @@ mod tests {
     use super::*;
 
     const KERNEL: Kernel = Kernel {
-        widening: 0.1,
+        rotation_floor_rad: 0.1,
+        translation_floor_m: 0.2,
+        widening: 0.5,
         narrowing: 0.5,
-        ..Kernel::DEFAULT
     };
 
-    #[test]
-    fn fifty_rounds_of_silence_widen_sixfold_and_contact_narrows_again() {
-        let mut contact = Contact::FRESH;
-        contact.widen(50.0, &KERNEL);
-        assert!((contact.factor() - 6.0).abs() < 1e-12);
-        contact.accepted(&KERNEL);
-        assert!((contact.factor() - 3.0).abs() < 1e-12);
-        for _ in 0..3 {
-            contact.accepted(&KERNEL);
+    fn drift(rotation_rad: f64, translation_m: f64) -> Drift {
+        Drift {
+            rotation_rad,
+            translation_m,
         }
+    }
+
+    #[test]
+    fn drift_widens_each_part_by_itself_and_contact_narrows_both() {
+        let mut contact = Contact::FRESH;
+        contact.widen(drift(0.2, 2.0), 0.0, &KERNEL);
+        assert!((contact.rotation() - 2.0).abs() < 1e-12);
+        assert!((contact.translation() - 6.0).abs() < 1e-12);
+        contact.accepted(&KERNEL);
+        assert!((contact.rotation() - 1.0).abs() < 1e-12);
+        assert!((contact.translation() - 3.0).abs() < 1e-12);
+        contact.accepted(&KERNEL);
+        contact.accepted(&KERNEL);
         assert_eq!(contact, Contact::FRESH);
     }
 
     #[test]
-    fn silence_round_by_round_is_silence_at_once() {
-        let (mut often, mut once) = (Contact::FRESH, Contact::FRESH);
-        (0..40).for_each(|_| often.widen(0.25, &KERNEL));
-        once.widen(10.0, &KERNEL);
-        assert!((often.factor() - once.factor()).abs() < 1e-12);
+    fn silence_widens_a_little_even_when_odometry_claims_not_to_drift() {
+        let mut contact = Contact::FRESH;
+        contact.widen(drift(0.0, 0.0), 100.0, &KERNEL);
+        assert!((contact.translation() - 2.0).abs() < 1e-12);
     }
 
     #[test]
-    fn the_factor_stays_between_one_and_its_bound_whatever_is_given() {
+    fn the_factors_stay_between_one_and_their_bound_whatever_is_given() {
         let wild = [f64::NAN, f64::INFINITY, -1e300, 1e300, 0.0];
-        for rounds in wild {
+        let check = |contact: Contact| {
+            let bounds = 1.0..=WIDEST;
+            assert!(bounds.contains(&contact.rotation()), "{contact:?}");
+            assert!(bounds.contains(&contact.translation()), "{contact:?}");
+        };
+        for number in wild {
             for setting in wild {
                 let kernel = Kernel {
                     widening: setting,
@@ -96,16 +139,16 @@ mod tests {
                     ..KERNEL
                 };
                 let mut contact = Contact::FRESH;
-                contact.widen(rounds, &kernel);
-                assert!((1.0..=WIDEST).contains(&contact.factor()));
+                contact.widen(drift(number, 1.0), number, &kernel);
+                check(contact);
+                contact.widen(drift(1.0, number), 1.0, &kernel);
+                check(contact);
                 contact.accepted(&kernel);
-                assert!((1.0..=WIDEST).contains(&contact.factor()));
+                check(contact);
             }
         }
         let mut contact = Contact::FRESH;
-        contact.widen(1e9, &KERNEL);
-        assert_eq!(contact, Contact::LOST);
-        contact.widen(1.0, &KERNEL);
+        contact.widen(drift(1e9, 1e9), 1.0, &KERNEL);
         assert_eq!(contact, Contact::LOST);
     }
 }

@@ -19,7 +19,7 @@ pub struct Kernel {
     pub rotation_floor_rad: f64,
     /// The least scale of a length, in metres.
     pub translation_floor_m: f64,
-    /// By which part of the floor the scale widens with every round without contact.
+    /// By how much of the drift that odometry predicts since the last contact the scale widens.
     pub widening: f64,
     /// By which factor an accepted contact narrows the scale.
     pub narrowing: f64,
@@ -32,7 +32,7 @@ impl Kernel {
     pub const DEFAULT: Self = Self {
         rotation_floor_rad: 0.1,
         translation_floor_m: 0.2,
-        widening: 0.1,
+        widening: 0.7,
         narrowing: 0.85,
     };
 
@@ -41,11 +41,13 @@ impl Kernel {
     /// for its own noise, and a fine one changes nothing.
     #[must_use]
     pub fn scale(&self, contact: Contact, rotation_rad: f64, translation_m: f64) -> Scale {
-        let widened =
-            |floor: f64, sigma: f64| (floor * contact.factor()).hypot(NOISE_SIGMAS * sigma);
+        let covers = |apart: f64, sigma: f64| apart.hypot(NOISE_SIGMAS * sigma);
         Scale {
-            rotation_rad: widened(self.rotation_floor_rad, rotation_rad),
-            translation_m: widened(self.translation_floor_m, translation_m),
+            rotation_rad: covers(self.rotation_floor_rad * contact.rotation(), rotation_rad),
+            translation_m: covers(
+                self.translation_floor_m * contact.translation(),
+                translation_m,
+            ),
         }
     }
 }
@@ -106,6 +108,7 @@ impl Judged {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::odometry::Drift;
 
     #[test]
     fn a_disagreement_of_one_scale_counts_a_quarter_and_of_three_a_hundredth() {
@@ -143,8 +146,13 @@ mod tests {
         assert!((scale.rotation_rad - 0.3).abs() < 1e-15);
         assert!((scale.translation_m - 0.5).abs() < 1e-15);
         let mut contact = Contact::FRESH;
-        contact.widen(10.0, &Kernel::DEFAULT);
+        let drift = Drift {
+            rotation_rad: 0.0,
+            translation_m: 3.0,
+        };
+        contact.widen(drift, 0.0, &kernel);
         let wide = kernel.scale(contact, 0.0, 0.0);
-        assert!((wide.translation_m - 0.4 * contact.factor()).abs() < 1e-12);
+        assert!((wide.translation_m - 0.4 * contact.translation()).abs() < 1e-12);
+        assert!((wide.rotation_rad - 0.3).abs() < 1e-12);
     }
 }

@@ -22,6 +22,32 @@ pub struct Growth {
     pub translation: f64,
 }
 
+/// How far odometry may be off, as the root of the variances of all axes together.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Drift {
+    /// In orientation, radians.
+    pub rotation_rad: f64,
+    /// In position, metres.
+    pub translation_m: f64,
+}
+
+impl Drift {
+    /// Of two vehicles against each other, when one drifts like the other.
+    #[must_use]
+    pub fn of_a_pair(self) -> Self {
+        self.scaled(std::f64::consts::SQRT_2)
+    }
+
+    /// So many times as far.
+    #[must_use]
+    pub fn scaled(self, times: f64) -> Self {
+        Self {
+            rotation_rad: self.rotation_rad * times,
+            translation_m: self.translation_m * times,
+        }
+    }
+}
+
 impl Growth {
     /// No motion, no covariance.
     pub fn zero() -> Self {
@@ -59,6 +85,22 @@ impl Growth {
             lever: self.lever + (later.lever - self.lever) * fraction,
             lever_square: self.lever_square + (later.lever_square - self.lever_square) * fraction,
             translation: mix(self.translation, later.translation),
+        }
+    }
+
+    /// How far a body that is now at `position` (m, odometry frame) may have drifted since `earlier`.
+    #[must_use]
+    pub fn drift_since(&self, earlier: &Self, position: &Vector3<f64>) -> Drift {
+        // Turned by w about t, a body at p moves by w x (p - t): of variance q I on w that is 2 q |p - t|^2 in all.
+        let rotation = self.rotation - earlier.rotation;
+        let lever = self.lever - earlier.lever;
+        let square = self.lever_square.trace() - earlier.lever_square.trace();
+        let turned =
+            2.0 * (square - 2.0 * position.dot(&lever) + rotation * position.norm_squared());
+        let moved = 3.0 * (self.translation - earlier.translation);
+        Drift {
+            rotation_rad: (3.0 * rotation).max(0.0).sqrt(),
+            translation_m: (turned + moved).max(0.0).sqrt(),
         }
     }
 

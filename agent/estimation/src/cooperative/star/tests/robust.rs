@@ -3,6 +3,7 @@
 use super::*;
 use crate::cooperative::kernel::Kernel;
 use crate::cooperative::mode::Robust;
+use crate::odometry::Drift;
 
 const FINE: Noise = Noise {
     rotation_rad: 0.02,
@@ -154,7 +155,11 @@ fn after_a_blackout_a_good_measurement_is_accepted_because_the_scale_was_widened
     // The vehicle has drifted by 1.5 m in fifty rounds alone; its neighbour knows where it is.
     let (truth, drifted, neighbour) = (Node::identity(), shifted(1.5), shifted(-3.0));
     let mut widened = Contact::FRESH;
-    widened.widen(50.0, &Kernel::DEFAULT);
+    let drift = Drift {
+        rotation_rad: 0.0,
+        translation_m: 1.5,
+    };
+    widened.widen(drift, 50.0, &Kernel::DEFAULT);
     let mut workspace = StarWorkspace::new();
     for (contact, expected, corrected_m) in [
         (Contact::FRESH, Judgement::Rejected, 0.0),
