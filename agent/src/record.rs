@@ -139,6 +139,7 @@ enum ModeRecord {
     Star {
         by_noise: bool,
         anchor: [f64; 2],
+        oriented_rotation: f64,
         floors: [f64; 2],
         widening: f64,
         narrowing: f64,
@@ -238,10 +239,12 @@ const fn record_mode(mode: &Mode) -> ModeRecord {
         Mode::Star(Robust {
             weighting,
             anchor,
+            oriented_rotation,
             kernel,
         }) => ModeRecord::Star {
             by_noise: matches!(weighting, Weighting::Noise),
             anchor: [anchor.rotation, anchor.translation],
+            oriented_rotation,
             floors: [kernel.rotation_floor_rad, kernel.translation_floor_m],
             widening: kernel.widening,
             narrowing: kernel.narrowing,
@@ -255,6 +258,7 @@ const fn read_mode(record: &ModeRecord) -> Mode {
         ModeRecord::Star {
             by_noise,
             anchor: [rotation, translation],
+            oriented_rotation,
             floors: [rotation_floor_rad, translation_floor_m],
             widening,
             narrowing,
@@ -268,6 +272,7 @@ const fn read_mode(record: &ModeRecord) -> Mode {
                 rotation,
                 translation,
             },
+            oriented_rotation,
             kernel: Kernel {
                 rotation_floor_rad,
                 translation_floor_m,

@@ -3,7 +3,7 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 use skein_estimation::cooperative::{
-    Contact, Disagreement, Edge, Judgement, Kernel, Measurement, NeighbourIndex, Star,
+    Contact, Disagreement, Edge, Judgement, Kernel, Kind, Measurement, NeighbourIndex, Star,
     StarWorkspace, Tie, Weight,
 };
 use skein_estimation::time::Stamp;
@@ -186,10 +186,18 @@ pub(crate) struct Judged {
     /// What it was judged by.
     pub(crate) contact: Contact,
     pub(crate) outcome: Outcome,
+    /// Measurements that were accepted.
+    pub(crate) accepted: u64,
     /// Measurements that were rejected; of a neighbour in quarantine, all.
     pub(crate) gated: u64,
     /// Fixes that were rejected, by their sensors.
     pub(crate) gated_fixes: Vec<Name>,
+}
+
+/// Whether a measurement that agrees pulls two vehicles together: a distance leaves them as free as they were in all
+/// other directions, and what it agrees with says nothing of those.
+const fn holds(kind: Kind) -> bool {
+    !matches!(kind, Kind::Distance)
 }
 
 impl Judged {
@@ -198,16 +206,19 @@ impl Judged {
             neighbour,
             contact,
             outcome: Outcome::Unclear,
+            accepted: 0,
             gated: 0,
             gated_fixes: Vec::new(),
         }
     }
 
     /// One measurement more: one that agrees is contact, and only when all disagree does the neighbour.
-    fn add(&mut self, judgement: Judgement, disagreement: Disagreement, first: bool) {
+    fn add(&mut self, judgement: Judgement, kind: Kind, disagreement: Disagreement, first: bool) {
+        self.accepted += u64::from(judgement == Judgement::Accepted);
         self.gated += u64::from(judgement == Judgement::Rejected);
         self.outcome = match (judgement, self.outcome) {
-            (Judgement::Accepted, _) | (_, Outcome::Agreed) => Outcome::Agreed,
+            (Judgement::Accepted, _) if holds(kind) => Outcome::Agreed,
+            (_, Outcome::Agreed) => Outcome::Agreed,
             (Judgement::Rejected, Outcome::Disagreed(_)) => self.outcome,
             (Judgement::Rejected, Outcome::Unclear) if first => Outcome::Disagreed(disagreement),
             _ => Outcome::Unclear,
@@ -249,7 +260,8 @@ impl Gathered<'_> {
             if let (Tie::Fix, Judgement::Rejected) = (verdict.tie, judgement) {
                 judged[at].gated_fixes.push(built.fixes[counted[at]]);
             }
-            judged[at].add(judgement, verdict.disagreement, counted[at] == 0);
+            let (kind, apart) = (verdict.kind, verdict.disagreement);
+            judged[at].add(judgement, kind, apart, counted[at] == 0);
             counted[at] += 1;
         }
         let quarantined = self.spokes.iter().filter(|spoke| spoke.quarantined);
@@ -276,9 +288,10 @@ impl Spoke {
             let ends = (from.0.reframe(), to.0.reframe());
             let scale = kernel.scale(self.contact, noise.rotation_rad, noise.translation);
             let judgement = edge.judge(&scale, &ends.0, &ends.1);
-            judged.add(judgement, edge.disagreement(&ends.0, &ends.1), nth == 0);
+            let apart = edge.disagreement(&ends.0, &ends.1);
+            judged.add(judgement, measurement.kind(), apart, nth == 0);
         }
-        judged.gated = self.ties.len() as u64;
+        (judged.accepted, judged.gated) = (0, self.ties.len() as u64);
         judged
     }
 }

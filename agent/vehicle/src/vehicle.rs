@@ -26,7 +26,7 @@ use crate::rounds::{Loss, OPEN_MAX, Round, Rounds};
 use crate::sensors::{Reading, Sensors};
 use crate::speaking::{PARTNERS_MAX, Speech};
 use crate::translate;
-use crate::trust::{Mark, Outcome, Trust};
+use crate::trust::{Mark, Trust};
 
 /// How often the health is published.
 const HEALTH_EVERY: Span = Span::secs(1);
@@ -365,8 +365,8 @@ impl Vehicle {
                     };
                     self.finish(now, round, &odometry, &built, &solution, world_from_body);
                     self.judge(now, Mark::of(&odometry), &judged);
-                    let agreed = |judged: &Judged| judged.outcome == Outcome::Agreed;
-                    if judged.is_empty() || judged.iter().any(agreed) {
+                    let accepted = |judged: &Judged| judged.accepted > 0;
+                    if judged.is_empty() || judged.iter().any(accepted) {
                         self.counts.corrected_at = Some(round.instant);
                     }
                 }

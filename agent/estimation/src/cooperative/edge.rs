@@ -208,10 +208,15 @@ impl Edge {
     /// What the kernel of `scale` makes of the edge.
     pub(super) fn judged(&self, scale: &Scale, from: &Node, to: &Node) -> Judged {
         let apart = self.disagreement(from, to);
+        // The noise of a part that a measurement has not may be zero, its weight infinite: it is not looked at.
         let cost = |apart: &Disagreement| {
-            self.weight.of_rotation() * apart.rotation_rad.map_or(0.0, |angle| angle * angle)
-                + self.weight.of_translation()
-                    * apart.translation_m.map_or(0.0, |length| length * length)
+            let turned = apart
+                .rotation_rad
+                .map(|angle| self.weight.of_rotation() * angle * angle);
+            let moved = apart
+                .translation_m
+                .map(|length| self.weight.of_translation() * length * length);
+            turned.unwrap_or(0.0) + moved.unwrap_or(0.0)
         };
         Judged::new(cost(&apart), cost(&scale.of_the_parts(&apart)))
     }

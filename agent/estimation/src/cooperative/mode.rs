@@ -23,6 +23,18 @@ impl Mode {
         }
     }
 
+    /// The weight of a prior between whose vehicle and another an orientation is measured.
+    #[must_use]
+    pub const fn oriented_anchor(&self) -> AnchorWeight {
+        match self {
+            Self::Paper => AnchorWeight::UNIT,
+            Self::Star(robust) => AnchorWeight {
+                rotation: robust.oriented_rotation,
+                translation: robust.anchor.translation,
+            },
+        }
+    }
+
     /// The robust kernel, if it has one.
     #[must_use]
     pub const fn kernel(&self) -> Option<Kernel> {
@@ -47,21 +59,22 @@ impl Mode {
 pub struct Robust {
     /// What measurements count.
     pub weighting: Weighting,
-    /// What priors count.
+    /// What the priors count of vehicles between which nobody measured an orientation in the round.
     pub anchor: AnchorWeight,
+    /// What the prior's orientation counts where one is measured.
+    pub oriented_rotation: f64,
     /// What is done with measurements that disagree.
     pub kernel: Kernel,
 }
 
 impl Robust {
-    /// Measurements of weight one, orientations of priors at a quarter of that. Weights by stated noise are as good on
-    /// clean flights and for gross outliers eight times worse: millimetres outweigh any prior.
+    /// Everything of weight one, but orientations of priors at a quarter of that where an orientation is measured: where
+    /// positions alone turn a vehicle, its heading would follow their noise. Weights by stated noise are as good on clean
+    /// flights and for gross outliers eight times worse: millimetres outweigh any prior.
     pub const DEFAULT: Self = Self {
         weighting: Weighting::Unit,
-        anchor: AnchorWeight {
-            rotation: 0.25,
-            translation: 1.0,
-        },
+        anchor: AnchorWeight::UNIT,
+        oriented_rotation: 0.25,
         kernel: Kernel::DEFAULT,
     };
 }
@@ -75,7 +88,7 @@ impl Default for Robust {
 /// What a measurement counts before the kernel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Weighting {
-    /// One per squared radian and squared metre.
+    /// One per squared radian and squared metre; a fix more or less, by how its noise compares with what priors err by.
     Unit,
     /// One over its stated variance; a bearing by its residual on the sphere.
     Noise,

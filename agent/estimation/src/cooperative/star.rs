@@ -15,7 +15,7 @@ pub use self::verdict::{ACCEPTED_FROM, Judgement, REJECTED_BELOW, Verdict};
 use super::contact::Contact;
 use super::edge::{Edge, Node, Weight};
 use super::kernel::Scale;
-use super::measurement::{CONTRADICTION_SIGMAS, Measurement, Noise};
+use super::measurement::{CONTRADICTION_SIGMAS, Kind, Measurement, Noise};
 use super::mode::{AnchorWeight, Mode, Weighting};
 use super::optimise::{Optimiser, SolveStatus};
 use super::refusal::Refusal;
@@ -278,9 +278,10 @@ impl Star {
         noise.check(measurement.kind())?;
         let weight = match self.mode {
             Mode::Paper => Weight::Unit,
-            Mode::Star(robust) => match robust.weighting {
-                Weighting::Unit => Weight::Unit,
-                Weighting::Noise => Weight::Noise(noise),
+            Mode::Star(robust) => match (robust.weighting, tie) {
+                (Weighting::Unit, Tie::Fix) => Weight::Noise(robust.kernel.against_priors(&noise)),
+                (Weighting::Unit, _) => Weight::Unit,
+                (Weighting::Noise, _) => Weight::Noise(noise),
             },
         };
         let edge = Edge::with_offsets(measurement, weight, from_offset, to_offset)?;
@@ -294,12 +295,30 @@ impl Star {
             }
         }
         let scale = self.scale(&edge, &noise, tie)?;
+        if matches!(measurement.kind(), Kind::Pose | Kind::Orientation) {
+            self.orient(tie)?;
+        }
         self.edges.push(StarEdge {
             edge,
             noise,
             tie,
             scale,
         });
+        Ok(())
+    }
+
+    /// An orientation is measured along a tie: the priors of both its vehicles count accordingly.
+    fn orient(&mut self, tie: Tie) -> Result<(), Refusal> {
+        if self.mode == Mode::Paper {
+            return Ok(());
+        }
+        let weight = self.mode.oriented_anchor().check()?;
+        if let Tie::MeasuredByMe(j) | Tie::MeasuredByNeighbour(j) = tie {
+            self.neighbours[j.0].anchor.weight = weight;
+        }
+        if self.centre.is_anchored() {
+            self.centre.weight = weight;
+        }
         Ok(())
     }
 

@@ -69,7 +69,9 @@ fn shifted(x: f64) -> Node {
 
 #[test]
 fn a_fix_of_one_scale_by_hand() {
-    // f = (t^2 + r^2 / (1 + r^2)) / 2 with r = 1.25 - t is least where t = r / (1 + r^2)^2: t = 1/4, r = 1.
+    // A fix whose noise is the floor of 1 m counts one, and its scale c covers the floor and three sigmas: c^2 = 10.
+    // f = (t^2 + r^2 / (1 + (r/c)^2)) / 2 with r = 5/4 c - t is least where t = r / (1 + (r/c)^2)^2: t = c/4, r = c.
+    let c = 10.0_f64.sqrt();
     let kernel = Kernel {
         translation_floor_m: 1.0,
         ..Kernel::DEFAULT
@@ -81,24 +83,24 @@ fn a_fix_of_one_scale_by_hand() {
         },
         Node::identity(),
     );
-    let fix = Measurement::position(Vector3::new(1.25, 0.0, 0.0)).unwrap();
-    let exact = Noise {
-        translation: 1e-9,
+    let fix = Measurement::position(Vector3::new(1.25 * c, 0.0, 0.0)).unwrap();
+    let coarse = Noise {
+        translation: 1.0,
         ..FINE
     };
-    star.fix(fix, exact, Transform::identity()).unwrap();
+    star.fix(fix, coarse, Transform::identity()).unwrap();
     for optimiser in [Optimiser::gauss_newton(), Optimiser::descent()] {
         let mut workspace = StarWorkspace::new();
         let solution = star.solve(&mut workspace, &optimiser);
         assert_eq!(solution.status, SolveStatus::Converged);
-        assert!((solution.world_from_body.translation.x - 0.25).abs() < 1e-6);
-        assert!((solution.cost_after - 0.5 * (0.0625 + 0.5)).abs() < 1e-9);
+        assert!((solution.world_from_body.translation.x - c / 4.0).abs() < 1e-6);
+        assert!((solution.cost_after - 0.5 * (10.0 / 16.0 + 5.0)).abs() < 1e-9);
         let verdict = star.verdicts(&workspace).next().unwrap();
         assert_eq!((verdict.tie, verdict.kind), (Tie::Fix, Kind::Position));
         assert!((verdict.weight - 0.25).abs() < 1e-5);
-        assert!((verdict.disagreement.translation_m.unwrap() - 1.0).abs() < 1e-5);
+        assert!((verdict.disagreement.translation_m.unwrap() - c).abs() < 1e-5);
         assert_eq!(verdict.disagreement.rotation_rad, None);
-        assert!((verdict.scale.unwrap().translation_m - 1.0).abs() < 1e-9);
+        assert!((verdict.scale.unwrap().translation_m - c).abs() < 1e-9);
     }
 }
 
@@ -151,13 +153,35 @@ fn a_gross_outlier_is_rejected_and_hardly_moves_the_vehicle() {
 }
 
 #[test]
+fn a_fix_counts_by_how_its_noise_compares_with_what_priors_err_by() {
+    // The prior says 0, the fix 0.1 m: a fine one is followed, one as good as the prior meets it, a coarse one hardly counts.
+    let floor_m = Kernel::DEFAULT.translation_floor_m;
+    for (sigma_m, counts) in [(1e-3, 100.0), (floor_m, 1.0), (10.0 * floor_m, 0.01)] {
+        let mut star = alone(Node::identity());
+        let fix = Measurement::position(Vector3::new(0.1, 0.0, 0.0)).unwrap();
+        // A position says nothing of angles, not even how well it knows them.
+        let noise = Noise {
+            rotation_rad: 0.0,
+            translation: sigma_m,
+        };
+        star.fix(fix, noise, Transform::identity()).unwrap();
+        let solution = star.solve(&mut StarWorkspace::new(), &Optimiser::gauss_newton());
+        let share = solution.world_from_body.translation.x / 0.1;
+        assert!(
+            (share - counts / (1.0 + counts)).abs() < 0.03,
+            "{sigma_m}: {share}"
+        );
+    }
+}
+
+#[test]
 fn after_a_blackout_a_good_measurement_is_accepted_because_the_scale_was_widened() {
     // The vehicle has drifted by 1.5 m in fifty rounds alone; its neighbour knows where it is.
     let (truth, drifted, neighbour) = (Node::identity(), shifted(1.5), shifted(-3.0));
     let mut widened = Contact::FRESH;
     let drift = Drift {
         rotation_rad: 0.0,
-        translation_m: 1.5,
+        translation_m: 3.0,
     };
     widened.widen(drift, 50.0, &Kernel::DEFAULT);
     let mut workspace = StarWorkspace::new();
