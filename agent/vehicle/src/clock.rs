@@ -1,6 +1,8 @@
 //! A neighbour's clock: its stamps are another type until echoes of four time stamps each tell how far its clock is
 //! from ours. Echoes that queued do not move it, a single lie does not move it, and a step begins it anew.
 
+use std::collections::VecDeque;
+
 use skein_estimation::time::{Span, Stamp};
 
 /// Echoes needed before anything of a neighbour is used.
@@ -11,6 +13,8 @@ const ROUND_TRIP_MAX: Span = Span::secs(5);
 const DRIFT_MAX_PPM: i64 = 200;
 /// Two echoes may contradict each other by so much more than their bounds allow before a clock is said to have stepped.
 const STEP_MARGIN: Span = Span::millis(5);
+/// The best of so many echoes is believed; six seconds of them at one a round.
+const WINDOW: usize = 32;
 /// So many contradictions in a row end what was known, even if they contradict each other too.
 const DOUBTS_MAX: u32 = 5;
 
@@ -106,14 +110,14 @@ pub(crate) enum Observed {
 
 /// What is known of the clock of one boot of one neighbour.
 ///
-/// The offset held is that of the echo with the least error bound, so that packets that queued on their way do not
-/// move it (the clock filter of RFC 5905, section 10). All bounds grow at the same pace: an echo that was once beaten
-/// stays beaten, and the best one is all that must be kept.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+/// The offset held is the middle of what the last echoes have in common, or, when they have nothing, that of the echo
+/// with the least error bound (the clock filter of RFC 5905, section 10): packets that queued on their way do not move
+/// it. The window ends a lie, or an echo during which a clock stepped by little, that only looks good.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct PeerClock {
     echoes: u64,
+    window: VecDeque<Sample>,
     best: Option<Sample>,
-    last_round_trip: Span,
     doubted: Option<Sample>,
     doubts: u32,
     steps: u64,
@@ -132,12 +136,38 @@ impl PeerClock {
         self.echoes += 1;
         self.doubts = 0;
         self.doubted = None;
-        self.last_round_trip = sample.round_trip;
-        let is_best = |best: Sample| sample.error_bound(now) <= best.error_bound(now);
-        if self.best.is_none_or(is_best) {
-            self.best = Some(sample);
+        if self.window.len() >= WINDOW {
+            self.window.pop_front();
         }
+        self.window.push_back(sample);
+        self.best = self.in_common(now).or_else(|| self.shortest(now));
         Observed::Taken
+    }
+
+    /// What all echoes of the window leave of the offset: the truth lies within the bounds of every one. The least way
+    /// there and the least way back need not be of one echo, so this is much narrower than the best echo alone where
+    /// delays jitter. Nothing when they leave nothing: one lied, or a clock is being slewed.
+    fn in_common(&self, now: Stamp) -> Option<Sample> {
+        let bounds = || {
+            let of = |sample: &Sample| (sample.offset, sample.error_bound(now));
+            self.window.iter().map(of)
+        };
+        let least = bounds().map(|(offset, error)| offset - error).max()?;
+        let most = bounds().map(|(offset, error)| offset + error).min()?;
+        (least <= most).then(|| Sample {
+            offset: Span::from_nanos(least.as_nanos().midpoint(most.as_nanos())),
+            round_trip: most - least,
+            taken: now,
+        })
+    }
+
+    /// The echo of the least error bound. All bounds grow at one pace, so that the best of now stays it until the next
+    /// echo; of equals, the newest.
+    fn shortest(&self, now: Stamp) -> Option<Sample> {
+        let newest_first = self.window.iter().rev();
+        newest_first
+            .min_by_key(|sample| sample.error_bound(now))
+            .copied()
     }
 
     /// One contradiction may be a lie; two that agree with each other are a step, and so many in a row mean that the
@@ -153,8 +183,8 @@ impl PeerClock {
         }
         *self = Self {
             echoes: if confirmed { 2 } else { 1 },
+            window: [sample].into(),
             best: Some(sample),
-            last_round_trip: sample.round_trip,
             doubted: None,
             doubts: 0,
             steps: self.steps + 1,
@@ -189,14 +219,14 @@ impl PeerClock {
 
     /// Round trip of the last echo, without the time that it waited at the neighbour's.
     pub(crate) fn round_trip(&self) -> Option<Span> {
-        (self.echoes > 0).then_some(self.last_round_trip)
+        self.window.back().map(|sample| sample.round_trip)
     }
 
-    pub(crate) fn to_mine(self, peer: PeerStamp) -> Option<Stamp> {
+    pub(crate) fn to_mine(&self, peer: PeerStamp) -> Option<Stamp> {
         Some(peer.on_its_own_clock() - self.offset()?)
     }
 
-    pub(crate) fn to_peer(self, mine: Stamp) -> Option<PeerStamp> {
+    pub(crate) fn to_peer(&self, mine: Stamp) -> Option<PeerStamp> {
         Some(PeerStamp(mine + self.offset()?))
     }
 }
@@ -308,6 +338,31 @@ mod tests {
     }
 
     #[test]
+    fn ways_that_jitter_both_ways_leave_a_few_milliseconds() {
+        let mut clock = PeerClock::default();
+        let (mut worst, mut sum_us) = (Span::ZERO, 0);
+        // 50 to 150 ms each way.
+        for k in 0..1_000 {
+            let (there_us, back_us) = (k * 7_919 % 100_000, k * 6_007 % 100_000);
+            clock.observe(echo(
+                k * 200_000,
+                5_000_000,
+                50_000 + there_us,
+                50_000 + back_us,
+            ));
+            if k >= WINDOW as i64 {
+                let error = clock.offset().unwrap() - Span::micros(5_000_000);
+                worst = worst.max(error.abs());
+                sum_us += error.as_micros_rounded().abs();
+                let now = clock.window.back().unwrap().taken;
+                assert!(error.abs() <= clock.error_bound(now).unwrap());
+            }
+        }
+        let mean_us = sum_us / (1_000 - WINDOW as i64);
+        assert!(mean_us < 2_500, "mean {mean_us} us, worst {worst:?}");
+    }
+
+    #[test]
     fn a_drifting_clock_is_followed() {
         let mut clock = PeerClock::default();
         // 50 parts in a million: 3 ms a minute, over ten minutes.
@@ -360,6 +415,22 @@ mod tests {
             );
             assert_eq!(clock.steps(), 1);
         }
+    }
+
+    #[test]
+    fn a_lie_that_looks_good_is_believed_for_no_longer_than_the_window() {
+        let mut clock = known(0);
+        // Within what the round trips of 2 ms leave open, and without any round trip of its own.
+        assert_eq!(
+            clock.observe(echo(10_000_000, 3_000, 0, 0)),
+            Observed::Taken
+        );
+        assert_eq!(clock.offset(), Some(Span::micros(3_000)));
+        for k in 1..=WINDOW as i64 {
+            clock.observe(echo(10_000_000 + k * 200_000, 0, 1_000, 1_000));
+        }
+        assert_eq!(clock.offset(), Some(Span::ZERO));
+        assert_eq!(clock.window.len(), WINDOW);
     }
 
     #[test]

@@ -159,6 +159,11 @@ impl DeadReckoning {
         self.track.at(instant)
     }
 
+    /// Odometry at an instant, which may lie a little past the newest.
+    pub(crate) fn near(&self, instant: Stamp) -> Result<OdometryPoint, Gap> {
+        self.track.near(instant)
+    }
+
     pub(crate) fn newest(&self) -> Option<&OdometryPoint> {
         self.track.newest()
     }
