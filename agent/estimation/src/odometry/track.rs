@@ -224,6 +224,20 @@ mod tests {
     }
 
     #[test]
+    fn who_must_not_wait_is_answered_up_to_a_quarter_of_a_step_past_the_newest_point() {
+        let mut track = Track::new();
+        track.insert(point(0, 0, 0.0, 0.0));
+        assert_eq!(track.near(at(1)), Err(Gap::NotYet), "of what speed?");
+        track.insert(point(200, 0, 2.0, 0.0));
+        let ahead = track.near(at(250)).unwrap().odometry_from_body;
+        assert!((ahead.translation.x - 2.5).abs() < 1e-12);
+        assert_eq!(track.near(at(250) + Span::from_nanos(1)), Err(Gap::NotYet));
+        assert_eq!(track.near(at(150)), track.at(at(150)));
+        track.insert(point(400, 1, 0.0, 0.0));
+        assert_eq!(track.near(at(410)), Err(Gap::NotYet), "interrupted");
+    }
+
+    #[test]
     fn what_is_kept_is_bounded_in_number_and_in_time() {
         let mut track = Track::new();
         for millis in 0..=TRACK_POINTS_MAX as i64 {
