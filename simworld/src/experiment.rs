@@ -1,4 +1,5 @@
-//! The papers' experiments, many samples of each, with the spread beside every number.
+//! The papers' experiments and the one that chooses the daemon's mode, many samples of each, with the spread beside every number.
 
 pub mod cooperative;
+pub mod modes;
 pub mod solver_only;

@@ -1,4 +1,4 @@
-//! Plots as SVG text: error curves against time in the form of the paper's figures 3 and 4, and paths in the plane.
+//! Plots as SVG text: error curves against time in the form of the paper's figures 3 and 4, paths in the plane, and bars.
 //! Writing the text to a file is the caller's.
 
 use plotters::prelude::*;
@@ -49,6 +49,26 @@ pub struct Path {
     pub kind: PathKind,
     /// East and north, metres.
     pub points_m: Vec<(f64, f64)>,
+}
+
+/// Bars that stand together.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BarGroup {
+    /// What stands below it; its words may stand below each other.
+    pub label: String,
+    /// The bars, from left to right; bars of one label have one colour in all groups.
+    pub bars: Vec<Bar>,
+}
+
+/// One bar.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bar {
+    /// What the legend calls it.
+    pub label: String,
+    /// Its height.
+    pub height: f64,
+    /// The standard error of its height, drawn as a whisker.
+    pub stderr: f64,
 }
 
 const BACKGROUND: RGBColor = WHITE;
@@ -199,6 +219,110 @@ pub fn paths(title: &str, paths: &[Path]) -> Result<String, PlotError> {
                 .map_err(drawing)?;
         }
         legend(&mut chart, SeriesLabelPosition::UpperRight)?;
+        root.present().map_err(drawing)?;
+    }
+    Ok(in_pixels(&svg))
+}
+
+/// Groups of bars with their standard errors and their heights as numbers. What is higher than `top` is cut there. Fails
+/// when a number is not finite or there is nothing to draw.
+pub fn bars(title: &str, groups: &[BarGroup], top: f64) -> Result<String, PlotError> {
+    let all = || groups.iter().flat_map(|group| &group.bars);
+    largest(all().flat_map(|bar| [bar.height, bar.stderr]))?;
+    let top = positive(top);
+    let mut labels: Vec<&str> = Vec::new();
+    for bar in all() {
+        if !labels.contains(&bar.label.as_str()) {
+            labels.push(&bar.label);
+        }
+    }
+    let small = || (FONT, 12 * PIXEL).into_font();
+    let mut svg = String::new();
+    {
+        let root =
+            SVGBackend::with_string(&mut svg, (1100 * PIXEL, 460 * PIXEL)).into_drawing_area();
+        root.fill(&BACKGROUND).map_err(drawing)?;
+        let (heading, below) = root.split_vertically(40 * PIXEL);
+        heading
+            .margin(8 * PIXEL, 0, 0, 0)
+            .titled(title, (FONT, 22 * PIXEL))
+            .map_err(drawing)?;
+        let mut chart = ChartBuilder::on(&below)
+            .margin(12 * PIXEL)
+            .margin_bottom(52 * PIXEL)
+            .set_label_area_size(LabelAreaPosition::Left, 44 * PIXEL)
+            .build_cartesian_2d(0.0..groups.len() as f64, 0.0..top * 1.15)
+            .map_err(drawing)?;
+        chart
+            .configure_mesh()
+            .disable_x_mesh()
+            .disable_x_axis()
+            .light_line_style(TRANSPARENT)
+            .bold_line_style(RGBColor(210, 210, 210).stroke_width(PIXEL))
+            .axis_style(RGBColor(60, 60, 60).stroke_width(PIXEL))
+            .label_style((FONT, 15 * PIXEL))
+            .draw()
+            .map_err(drawing)?;
+        let width = 0.84 / labels.len().max(1) as f64;
+        for (index, label) in labels.iter().enumerate() {
+            let style = colour(index);
+            let places = groups.iter().enumerate().filter_map(|(nth, group)| {
+                let bar = group.bars.iter().find(|bar| bar.label == **label)?;
+                Some((nth as f64 + 0.08 + width * index as f64, bar))
+            });
+            let places: Vec<(f64, &Bar)> = places.collect();
+            let drawn = places.iter().map(|(left, bar)| {
+                let corner = (left + 0.9 * width, bar.height.min(top));
+                Rectangle::new([(*left, 0.0), corner], style.filled())
+            });
+            chart
+                .draw_series(drawn)
+                .map_err(drawing)?
+                .label(*label)
+                .legend(move |(x, y)| {
+                    PathElement::new(
+                        [(x, y), (x + LEGEND_LINE, y)],
+                        style.stroke_width(8 * PIXEL),
+                    )
+                });
+            let whisker = |(left, bar): &(f64, &Bar)| {
+                let middle = left + 0.45 * width;
+                let (low, high) = (bar.height - bar.stderr, bar.height + bar.stderr);
+                let ends = [low, high].map(|end| (middle, end.min(top)));
+                PathElement::new(ends, BLACK.stroke_width(PIXEL))
+            };
+            let whiskers = places
+                .iter()
+                .filter(|(_, bar)| bar.height < top)
+                .map(whisker);
+            chart.draw_series(whiskers).map_err(drawing)?;
+            let upright = small().transform(FontTransform::Rotate270).color(&BLACK);
+            let numbers = places.iter().map(|(left, bar)| {
+                let above = (bar.height + bar.stderr).min(top) + 0.012 * top;
+                // Turned text hangs at its left from the point given.
+                Text::new(
+                    format!("{:.2}", bar.height),
+                    (left + 0.1 * width, above),
+                    upright.clone(),
+                )
+            });
+            chart.draw_series(numbers).map_err(drawing)?;
+        }
+        for (nth, group) in groups.iter().enumerate() {
+            let (x, y) = chart.backend_coord(&(nth as f64 + 0.5, 0.0));
+            for (line, word) in group.label.split(' ').enumerate() {
+                let centred = small()
+                    .color(&BLACK)
+                    .pos(plotters::style::text_anchor::Pos::new(
+                        plotters::style::text_anchor::HPos::Center,
+                        plotters::style::text_anchor::VPos::Top,
+                    ));
+                let at = (x, y + (6 + 13 * line as i32) * PIXEL as i32);
+                root.draw(&Text::new(word.to_owned(), at, centred))
+                    .map_err(drawing)?;
+            }
+        }
+        legend(&mut chart, SeriesLabelPosition::UpperLeft)?;
         root.present().map_err(drawing)?;
     }
     Ok(in_pixels(&svg))

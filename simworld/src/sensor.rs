@@ -11,13 +11,14 @@ mod position;
 mod settings;
 mod view;
 
-pub use false_positive::{FalsePositives, Phantom, Wrong};
+pub use false_positive::{FalsePositives, Phantom, Wrong, WrongBurst};
 pub use odometry::{Odometry, OdometryNoise};
 pub use settings::{KindChange, Mount, Noise, SensorSettings, Taken};
 pub use view::FieldOfView;
 
 use crate::streams::{Purpose, Streams};
 use crate::truth::Pose;
+use false_positive::Bursts;
 use nalgebra::{UnitQuaternion, UnitVector3, Vector3};
 use rand::{Rng, RngExt};
 use rand_chacha::ChaCha8Rng;
@@ -58,7 +59,7 @@ pub enum Reading {
 /// What came of looking at one vehicle once.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Sight {
-    /// A measurement; `wrong` when it is a gross error, which the vehicle is never told.
+    /// A measurement; `wrong` when it is a false positive, which the vehicle is never told.
     Seen {
         /// The measurement.
         reading: Reading,
@@ -94,6 +95,7 @@ pub struct RelativeSensor {
     streams: Streams,
     pairs: BTreeMap<usize, Pair>,
     phantoms: Vec<Phantom>,
+    bursts: Bursts,
     measuring_time: ChaCha8Rng,
 }
 
@@ -131,6 +133,12 @@ impl RelativeSensor {
                 n_vehicles,
                 &streams,
             ),
+            bursts: Bursts::of_observer(
+                &settings.false_positives,
+                settings.range_m,
+                observer,
+                &streams,
+            ),
             measuring_time: streams.vehicle(observer, Purpose::MeasuringTime),
             settings: settings.clone(),
             observer,
@@ -151,8 +159,10 @@ impl RelativeSensor {
         &self.body_from_sensor
     }
 
-    /// When it measures for the round at `round_s`: within the period that ends there. Call it once per round.
-    pub fn taken_s(&mut self, round_s: f64, period_s: f64) -> f64 {
+    /// Begins a round, and says when the sensor measures for it: for the round at `round_s`, within the period that ends
+    /// there. Call it once per round, in order.
+    pub fn begin_round(&mut self, round_s: f64, period_s: f64) -> f64 {
+        self.bursts.begin_round();
         match self.settings.taken {
             Taken::OnRound => round_s,
             // The share is below 1, so the time never falls onto the round before.
@@ -194,25 +204,21 @@ impl RelativeSensor {
         if missed {
             return Sight::Missed;
         }
-        let sensor_from_target = if wrong {
-            let false_positives = &self.settings.false_positives;
-            false_positives.wrong.instead_of(
-                &sensor_from_target,
-                self.settings.range_m,
-                &mut pair.outlier,
-            )
-        } else {
-            sensor_from_target
-        };
         let kind = self.settings.kind_at(t_s);
+        let noise = &self.settings.noise;
+        let mistake = if wrong {
+            let false_positives = &self.settings.false_positives;
+            let range_m = self.settings.range_m;
+            Some(false_positives.wrong.once(range_m, &mut pair.outlier))
+        } else {
+            self.bursts.mistake().copied()
+        };
+        let measured = mistake.map_or(sensor_from_target, |mistake| {
+            mistake.of(&sensor_from_target, kind, noise)
+        });
         Sight::Seen {
-            reading: measure(
-                kind,
-                &sensor_from_target,
-                &self.settings.noise,
-                &mut pair.noise,
-            ),
-            wrong,
+            reading: measure(kind, &measured, noise, &mut pair.noise),
+            wrong: mistake.is_some(),
         }
     }
 

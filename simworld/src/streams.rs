@@ -32,6 +32,8 @@ pub enum Purpose {
     Start = 11,
     /// What the radio does to packets beside losing them by chance: bursts, jitter, order, copies.
     RadioImpairments = 12,
+    /// When a whole sensor is wrong, and how.
+    WrongBurst = 13,
 }
 
 /// The streams of one sample of one experiment.

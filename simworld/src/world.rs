@@ -165,7 +165,7 @@ impl World {
         }
         let taken_s = self.vehicles[vehicle]
             .sensor
-            .taken_s(seconds(instant_ns), seconds(self.period_ns));
+            .begin_round(seconds(instant_ns), seconds(self.period_ns));
         if taken_s <= 0.0 {
             return Vec::new();
         }

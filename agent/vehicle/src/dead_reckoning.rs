@@ -31,8 +31,9 @@ pub(crate) struct DeadReckoning {
     interrupted: Option<Span>,
 }
 
+/// What makes odometry an estimate.
 #[derive(Clone, Copy, Debug)]
-struct Correction {
+pub(crate) struct Correction {
     world_from_odometry: Transform<World, Odometry>,
     segment: u8,
     footing: Footing,
@@ -51,6 +52,22 @@ enum Footing {
 struct BodyVelocity {
     linear_body_m_s: Vector3<f64>,
     angular_body_rad_s: Vector3<f64>,
+}
+
+impl Correction {
+    /// The one by which the vehicle was at `world_from_body` at this point.
+    pub(crate) fn placed(point: &OdometryPoint, world_from_body: Transform<World, Body>) -> Self {
+        Self {
+            world_from_odometry: world_from_body * point.odometry_from_body.inverse(),
+            segment: point.segment,
+            footing: Footing::Placed,
+        }
+    }
+
+    /// The estimate at a point of odometry; none when odometry was interrupted since.
+    pub(crate) fn pose_at(&self, point: &OdometryPoint) -> Option<Transform<World, Body>> {
+        (self.segment == point.segment).then(|| self.world_from_odometry * point.odometry_from_body)
+    }
 }
 
 impl DeadReckoning {
@@ -159,6 +176,11 @@ impl DeadReckoning {
         self.track.at(instant)
     }
 
+    /// Odometry at an instant, which may lie a little past the newest.
+    pub(crate) fn near(&self, instant: Stamp) -> Result<OdometryPoint, Gap> {
+        self.track.near(instant)
+    }
+
     pub(crate) fn newest(&self) -> Option<&OdometryPoint> {
         self.track.newest()
     }
@@ -180,10 +202,7 @@ impl DeadReckoning {
     /// The estimate at a point of odometry, to be shown; none while the vehicle is unplaced or odometry was interrupted
     /// since.
     pub(crate) fn pose_at(&self, point: &OdometryPoint) -> Option<Transform<World, Body>> {
-        let correction = self
-            .correction
-            .filter(|correction| correction.segment == point.segment)?;
-        Some(correction.world_from_odometry * point.odometry_from_body)
+        self.correction?.pose_at(point)
     }
 
     /// From now on the estimate is such that it was `world_from_body` at this point.
@@ -202,9 +221,8 @@ impl DeadReckoning {
         footing: Footing,
     ) {
         self.correction = Some(Correction {
-            world_from_odometry: world_from_body * point.odometry_from_body.inverse(),
-            segment: point.segment,
             footing,
+            ..Correction::placed(point, world_from_body)
         });
         self.interrupted = None;
     }

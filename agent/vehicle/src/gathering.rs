@@ -300,7 +300,7 @@ impl<'a> Material<'a> {
             .odometry
             .as_ref()
             .ok_or(NoEnd::Never(Refused::NoOdometry))?;
-        let at_taken = self.reckoning.at(taken).map_err(no_end)?;
+        let at_taken = self.reckoning.near(taken).map_err(no_end)?;
         motion(at_round, &at_taken).ok_or(NoEnd::Never(Refused::NoOdometry))
     }
 }

@@ -243,10 +243,7 @@ impl Listener<'_> {
         if is_new {
             let boot = neighbour.boot(said.boot);
             boot.heard_at = Some(now);
-            boot.to_echo = Some(Echo {
-                heard_ns: said.sent.on_its_own_clock().as_nanos(),
-                received_ns: now.as_nanos(),
-            });
+            boot.note_for_echo(said.sent, now);
             if let Some(echo) = ours {
                 boot.observe(FourStamps {
                     sent: Stamp::from_nanos(echo.heard_ns),

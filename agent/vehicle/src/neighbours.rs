@@ -432,6 +432,18 @@ impl Boot {
         };
     }
 
+    /// A packet of it was received: its echo will tell it our clock. Of two that were sent at one time, as an exchange and
+    /// the record of its round are, the first to arrive tells it better: the other one only took longer.
+    pub(crate) fn note_for_echo(&mut self, sent: PeerStamp, received: Stamp) {
+        let heard_ns = sent.on_its_own_clock().as_nanos();
+        if self.to_echo.is_none_or(|echo| echo.heard_ns != heard_ns) {
+            self.to_echo = Some(Echo {
+                heard_ns,
+                received_ns: received.as_nanos(),
+            });
+        }
+    }
+
     /// Takes the four stamps of an echo. What it said before a step of its clock, or of ours, was of another time.
     pub(crate) fn observe(&mut self, stamps: FourStamps) {
         if self.clock.observe(stamps) == Observed::Stepped {
@@ -449,7 +461,7 @@ impl Boot {
 
     /// Its odometry at an instant of its own clock.
     pub(crate) fn odometry_at(&self, instant: PeerStamp) -> Result<OdometryPoint, Gap> {
-        self.track.at(instant.on_its_own_clock())
+        self.track.near(instant.on_its_own_clock())
     }
 
     /// Which of our rounds one of its instants belongs to: the nearest. Phases that differ by half a period would

@@ -12,7 +12,7 @@ use skein_proto::name::Name;
 use crate::checkpoint::Checkpoint;
 use crate::config::{Config, Start};
 use crate::counters::Counters;
-use crate::dead_reckoning::{BRIDGE_MAX, DeadReckoning};
+use crate::dead_reckoning::{BRIDGE_MAX, Correction, DeadReckoning};
 use crate::gathering::Material;
 use crate::hearing::{Heard, Listener};
 use crate::input::{Input, PacketKey};
@@ -235,7 +235,7 @@ impl Vehicle {
         };
         let mut round = self.rounds.open.remove(at).expect("just found");
         if !round.told.contains(&heard.from) && round.told.len() < PARTNERS_MAX {
-            self.tell(now, &mut round, heard.from);
+            self.tell(now, &mut round, heard.from, None);
         }
         self.rounds.open.insert(at, round);
     }
@@ -263,6 +263,7 @@ impl Vehicle {
     fn open_rounds(&mut self, now: Stamp) {
         let mut losses = Vec::new();
         while let Some(mut round) = self.rounds.open_next(now, &self.reckoning, &mut losses) {
+            let foreseen = self.foresee();
             if round.odometry.is_none() {
                 self.counts.skipped.refuse(&Refused::NoOdometry);
             }
@@ -271,7 +272,7 @@ impl Vehicle {
                 .speech
                 .partners(now, round.index, &self.neighbours, timeout)
             {
-                self.tell(now, &mut round, to);
+                self.tell(now, &mut round, to, foreseen);
             }
             let (status, _) = self.status(now);
             let record = self.speech.record(now, &round, status, &self.neighbours);
@@ -284,12 +285,42 @@ impl Vehicle {
         }
     }
 
-    /// Sends one neighbour the exchange of a round.
-    fn tell(&mut self, now: Stamp, round: &mut Round, to: Name) {
-        let prior = round
-            .odometry
-            .as_ref()
-            .and_then(|point| self.reckoning.placed_at(point));
+    /// What the oldest open round would come to with what is there. A round that still waits for somebody when the next
+    /// begins must not cost the others what it knows already: this is for the priors that are told, and nothing else.
+    fn foresee(&mut self) -> Option<Correction> {
+        let round = self.rounds.open.front()?;
+        let odometry = round.odometry?;
+        let prior = self.reckoning.placed_at(&odometry)?;
+        let material = Material {
+            round,
+            neighbours: &self.neighbours,
+            reckoning: &self.reckoning,
+            body_from_target: self.config.body_from_target,
+            period: self.config.period,
+            kernel: self.config.mode.kernel(),
+            placed_since: self.placed_since,
+            fix_trust: self.fix_trust,
+            deadline_passed: true,
+        };
+        let gathered = material.gather().ok()?;
+        let built = gathered.build(&mut self.star, Centre::Prior(prior));
+        if built.edges() == 0 {
+            return None;
+        }
+        let solution = self.star.solve(&mut self.workspace, &self.config.optimiser);
+        let world_from_body =
+            solution.world_from_body.reframe() * built.instant_from_solved.inverse();
+        let good = solution.status != SolveStatus::NotFinite;
+        (good && translate::is_sayable(&world_from_body))
+            .then(|| Correction::placed(&odometry, world_from_body))
+    }
+
+    /// Sends one neighbour the exchange of a round, its prior by the present correction or a foreseen one.
+    fn tell(&mut self, now: Stamp, round: &mut Round, to: Name, foreseen: Option<Correction>) {
+        let prior = round.odometry.as_ref().and_then(|point| {
+            let foreseen = foreseen.and_then(|foreseen| foreseen.pose_at(point));
+            foreseen.or_else(|| self.reckoning.placed_at(point))
+        });
         let (status, _) = self.status(now);
         let exchange =
             self.speech

@@ -1,6 +1,7 @@
-//! What a sensor reports that is not so: grossly wrong measurements of real robots, and robots that do not exist.
+//! What a sensor reports that is not so: single wrong measurements of real robots, times during which a whole sensor is
+//! wrong, and robots that do not exist.
 
-use super::position;
+use super::{Kind, Noise, position};
 use crate::bounded::probability;
 use crate::streams::{Purpose, Streams};
 use crate::truth::{self, Pose};
@@ -18,32 +19,105 @@ pub enum Wrong {
     /// Anything in range: any rotation, anywhere in the ball of the sensing range.
     #[default]
     Gross,
-    /// The truth, displaced by about 0.5 m and turned by about 0.2 rad per axis: harder to tell from a good one.
+    /// The truth with an error of 3 to 10 standard deviations of the sensor's stated noise in a random direction, in
+    /// each part that the sensor tells: what is grossly improbable for the sensor, and small for the team.
     Moderate,
+    /// The truth, displaced by about 0.5 m and turned by about 0.2 rad per axis: hardest to tell from a good one.
+    Displaced,
 }
 
+/// The error of one wrong measurement, or of a sensor for a while.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Mistake {
+    /// Nothing is left of the truth: this is measured.
+    Instead(Pose),
+    /// The truth is turned about the target and displaced, metres, in the sensor's frame.
+    Moved(UnitQuaternion<f64>, Vector3<f64>),
+    /// So many standard deviations about and along these axes.
+    Deviations(Vector3<f64>, Vector3<f64>),
+}
+
+/// The multiples of the stated noise of a moderate mistake.
+const DEVIATIONS: std::ops::Range<f64> = 3.0..10.0;
+
 impl Wrong {
-    /// The wrong `sensor_from_target` that is measured in the place of the true one.
-    pub(super) fn instead_of(
-        self,
-        sensor_from_target: &Pose,
-        range_m: f64,
-        rng: &mut impl Rng,
-    ) -> Pose {
+    /// Of a single measurement.
+    pub(super) fn once(self, range_m: f64, rng: &mut impl Rng) -> Mistake {
         match self {
             Self::Gross => {
                 let place: [f64; 3] = UnitBall.sample(rng);
-                truth::pose(any_rotation(rng), Vector3::from(place) * range_m)
+                Mistake::Instead(truth::pose(
+                    any_rotation(rng),
+                    Vector3::from(place) * range_m,
+                ))
             }
             Self::Moderate => {
+                let mut deviations = || {
+                    let direction: [f64; 3] = UnitSphere.sample(rng);
+                    Vector3::from(direction) * rng.random_range(DEVIATIONS)
+                };
+                Mistake::Deviations(deviations(), deviations())
+            }
+            Self::Displaced => {
                 let turn = UnitQuaternion::from_scaled_axis(position::normal(0.2, rng));
-                truth::pose(
-                    sensor_from_target.rotation * turn,
-                    sensor_from_target.translation.vector + position::normal(0.5, rng),
-                )
+                Mistake::Moved(turn, position::normal(0.5, rng))
             }
         }
     }
+
+    /// Of a sensor that is wrong for a while by one and the same error: grossly, that is turned anyhow and displaced by
+    /// up to the sensing range.
+    fn lasting(self, range_m: f64, rng: &mut impl Rng) -> Mistake {
+        match self.once(range_m, rng) {
+            Mistake::Instead(pose) => Mistake::Moved(pose.rotation, pose.translation.vector),
+            mistake => mistake,
+        }
+    }
+}
+
+impl Mistake {
+    /// The wrong `sensor_from_target` that a sensor of this kind and noise measures in the place of the true one.
+    pub(super) fn of(&self, sensor_from_target: &Pose, kind: Kind, noise: &Noise) -> Pose {
+        let (rotation, place) = (
+            sensor_from_target.rotation,
+            sensor_from_target.translation.vector,
+        );
+        match self {
+            Self::Instead(pose) => *pose,
+            Self::Moved(turn, displacement_m) => {
+                truth::pose(rotation * turn, place + displacement_m)
+            }
+            Self::Deviations(about, along) => {
+                let turn = about * noise.rotation_concentration.angle_std_rad();
+                let place = match kind {
+                    Kind::Pose | Kind::Orientation | Kind::Position => {
+                        place + along * noise.translation_std_m
+                    }
+                    Kind::Bearing => {
+                        let angle_rad = along.norm() * noise.bearing_concentration.angle_std_rad();
+                        towards(&place, along, angle_rad)
+                    }
+                    // The sign of any one component of a random direction is a fair coin.
+                    Kind::Distance => {
+                        let error_m = along.norm() * along.x.signum() * noise.distance_std_m;
+                        place + along_the_line_of_sight(&place) * error_m
+                    }
+                };
+                truth::pose(rotation * UnitQuaternion::from_scaled_axis(turn), place)
+            }
+        }
+    }
+}
+
+/// A place turned by an angle about the sensor, towards a direction.
+fn towards(place: &Vector3<f64>, direction: &Vector3<f64>, angle_rad: f64) -> Vector3<f64> {
+    let axis = nalgebra::Unit::try_new(place.cross(direction), 1e-12);
+    let turned = |axis| UnitQuaternion::from_axis_angle(&axis, angle_rad) * place;
+    axis.map_or(*place, turned)
+}
+
+fn along_the_line_of_sight(place: &Vector3<f64>) -> Vector3<f64> {
+    place.try_normalize(1e-12).unwrap_or_else(Vector3::x)
 }
 
 /// A rotation that is uniform over all rotations: three uniform numbers, after Shoemake (1992).
@@ -58,6 +132,70 @@ fn any_rotation(rng: &mut impl Rng) -> UnitQuaternion<f64> {
     ))
 }
 
+/// Times during which everything that one vehicle's sensor measures is wrong by one and the same error. The vehicles'
+/// sensors go wrong independently of each other.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WrongBurst {
+    /// The probability that it begins in a round in which the sensor is not wrong already.
+    #[serde(deserialize_with = "probability")]
+    pub start_probability: f64,
+    /// For how many rounds in a row it lasts.
+    pub rounds: u32,
+    /// How the sensor is then wrong.
+    #[serde(default)]
+    pub wrong: Wrong,
+}
+
+/// The bursts of one sensor.
+#[derive(Clone, Debug)]
+pub(super) struct Bursts {
+    settings: Option<WrongBurst>,
+    range_m: f64,
+    /// Rounds that it will still be wrong after this one.
+    rounds_left: u32,
+    mistake: Option<Mistake>,
+    rng: ChaCha8Rng,
+}
+
+impl Bursts {
+    pub(super) fn of_observer(
+        settings: &FalsePositives,
+        range_m: f64,
+        observer: usize,
+        streams: &Streams,
+    ) -> Self {
+        Self {
+            settings: settings.burst,
+            range_m,
+            rounds_left: 0,
+            mistake: None,
+            rng: streams.vehicle(observer, Purpose::WrongBurst),
+        }
+    }
+
+    /// Another round begins.
+    pub(super) fn begin_round(&mut self) {
+        if self.rounds_left > 0 {
+            self.rounds_left -= 1;
+            return;
+        }
+        self.mistake = None;
+        if let Some(settings) = self.settings
+            && self.rng.random::<f64>() < settings.start_probability
+            && settings.rounds > 0
+        {
+            self.rounds_left = settings.rounds - 1;
+            self.mistake = Some(settings.wrong.lasting(self.range_m, &mut self.rng));
+        }
+    }
+
+    /// The error of this round, if the sensor is wrong.
+    pub(super) const fn mistake(&self) -> Option<&Mistake> {
+        self.mistake.as_ref()
+    }
+}
+
 /// The settings of what is not so; by default nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -67,6 +205,9 @@ pub struct FalsePositives {
     pub wrong_probability: f64,
     /// How it is then wrong.
     pub wrong: Wrong,
+    /// When a whole sensor is wrong.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub burst: Option<WrongBurst>,
     /// How many robots each vehicle sees that do not exist.
     pub phantoms: usize,
 }
@@ -135,8 +276,10 @@ mod tests {
     fn a_gross_error_is_anywhere_in_range_and_turned_anyhow() {
         let mut rng = Streams::new(1, 0).vehicle(0, Purpose::Outlier);
         let truth = truth::pose_from_euler(Vector3::new(3.0, 0.0, 0.0), 0.0, 0.0, 0.0);
+        let noise = Noise::default();
         let wrong: Vec<Pose> = (0..20_000)
-            .map(|_| Wrong::Gross.instead_of(&truth, 7.0, &mut rng))
+            .map(|_| Wrong::Gross.once(7.0, &mut rng))
+            .map(|mistake| mistake.of(&truth, Kind::Pose, &noise))
             .collect();
         let n = wrong.len() as f64;
         assert!(

@@ -273,7 +273,7 @@ fn a_random_measuring_time_lies_within_the_period_that_ends_with_the_round() {
         ..SensorSettings::default()
     };
     let mut sensor = sensor(&settings);
-    let times: Vec<f64> = (0..1000).map(|_| sensor.taken_s(4.0, 0.2)).collect();
+    let times: Vec<f64> = (0..1000).map(|_| sensor.begin_round(4.0, 0.2)).collect();
     assert!(times.iter().all(|t_s| *t_s > 3.8 && *t_s <= 4.0));
     let mean_s = times.iter().sum::<f64>() / 1000.0;
     assert!((mean_s - 3.9).abs() < 0.01, "{mean_s}");

@@ -6,6 +6,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use miette::IntoDiagnostic;
 use skein_estimation::cooperative::Optimiser;
 use skein_simworld::experiment::cooperative::{self, CellResult, Engine, Request};
+use skein_simworld::experiment::modes;
 use std::path::PathBuf;
 
 /// Which experiment.
@@ -13,6 +14,8 @@ use std::path::PathBuf;
 pub(crate) enum Experiment {
     /// Section V of Knuth & Barooah: teams of 1-5, five kinds of measurement, kinds changing in time, and figure 6.
     Cooperative(CooperativeArguments),
+    /// The modes of the cooperative pipeline on section V with outliers, bursts, blackouts, loss, delay and disorder.
+    Modes(ModesArguments),
 }
 
 /// Options of `experiment cooperative`.
@@ -41,10 +44,74 @@ pub(crate) struct CooperativeArguments {
     json: bool,
 }
 
+/// Options of `experiment modes`.
+#[derive(Debug, Args)]
+pub(crate) struct ModesArguments {
+    /// Samples a cell.
+    #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u64).range(2..=1_000_000))]
+    samples: u64,
+    /// First seed.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Threads; all cores when not given.
+    #[arg(long)]
+    threads: Option<usize>,
+    /// Where the CSV and SVG files go.
+    #[arg(long, default_value = "out/modes")]
+    output: PathBuf,
+    /// Print one JSON array, one object a cell, instead of the table.
+    #[arg(long)]
+    json: bool,
+}
+
 pub(crate) fn run(experiment: &Experiment) -> miette::Result<()> {
-    let Experiment::Cooperative(arguments) = experiment;
-    let pool = rayon_pool(arguments.threads)?;
-    pool.install(|| cooperative(arguments))
+    match experiment {
+        Experiment::Cooperative(arguments) => {
+            rayon_pool(arguments.threads)?.install(|| cooperative(arguments))
+        }
+        Experiment::Modes(arguments) => rayon_pool(arguments.threads)?.install(|| modes(arguments)),
+    }
+}
+
+fn modes(arguments: &ModesArguments) -> miette::Result<()> {
+    let request = modes::Request {
+        samples: arguments.samples,
+        seed: arguments.seed,
+    };
+    let progress =
+        progress(arguments.samples * (modes::METHODS.len() * modes::FAULTS.len()) as u64)?;
+    let mut results = Vec::new();
+    for fault in modes::FAULTS {
+        for method in modes::METHODS {
+            progress.set_message(format!("{}, {}", method.name(), fault.name()));
+            results.push(modes::run(method, fault, request, || progress.inc(1)));
+        }
+    }
+    progress.finish_and_clear();
+    write(&arguments.output, "modes.csv", &modes::csv(&results))?;
+    write(
+        &arguments.output,
+        "modes.svg",
+        &modes::figure(&results).into_diagnostic()?,
+    )?;
+    if arguments.json {
+        println!(
+            "{}",
+            serde_json::to_string_pretty(&results).into_diagnostic()?
+        );
+        return Ok(());
+    }
+    print!("{}", modes::table(&results));
+    println!("\nCSV and SVG files: {}", arguments.output.display());
+    Ok(())
+}
+
+/// A bar that counts flights.
+fn progress(flights: u64) -> miette::Result<ProgressBar> {
+    Ok(ProgressBar::new(flights).with_style(
+        ProgressStyle::with_template("{wide_bar} {pos}/{len} flights, {eta} left, {msg}")
+            .into_diagnostic()?,
+    ))
 }
 
 fn cooperative(arguments: &CooperativeArguments) -> miette::Result<()> {
@@ -63,10 +130,7 @@ fn cooperative(arguments: &CooperativeArguments) -> miette::Result<()> {
         },
     };
     let cells = cooperative::cells();
-    let progress = ProgressBar::new(arguments.samples * cells.len() as u64).with_style(
-        ProgressStyle::with_template("{wide_bar} {pos}/{len} flights, {eta} left, {msg}")
-            .into_diagnostic()?,
-    );
+    let progress = progress(arguments.samples * cells.len() as u64)?;
     let mut results: Vec<CellResult> = Vec::new();
     for cell in cells {
         progress.set_message(format!("{} robots, {}", cell.robots, cell.kind_name()));
