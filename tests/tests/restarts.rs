@@ -293,3 +293,22 @@ fn fixes_that_come_back_after_an_outage_pull_back_who_had_drifted_and_throw_nobo
     assert!(after_m < 0.1, "{after_m} m");
     assert!(jump_m < alone_m + 0.03, "{jump_m} m against {alone_m} m");
 }
+
+#[test]
+fn a_vehicle_whose_clock_is_set_mid_flight_is_lost_says_so_and_is_placed_again() {
+    // A clock that is set back stands still for the vehicle until it has caught up, five seconds later.
+    for (by_s, placed_within_s) in [(5.0, 3.0), (-5.0, 8.0)] {
+        let scenario = built_in("section-v");
+        let mut fleet = Fleet::with_configs(&scenario, 6, robust);
+        fleet.run_until(nanos(6.0));
+        fleet.step_clock(2, by_s);
+        let lost_s = until(&mut fleet, 2, Status::Lost, 1.0);
+        let placed_s = until(&mut fleet, 2, Status::Tracking, placed_within_s);
+        eprintln!("{by_s} s: lost after {lost_s:.2} s, placed {placed_s:.2} s later");
+        fleet.run_s(1.0);
+        for vehicle in 0..5 {
+            let error_m = fleet.position_error_m(vehicle);
+            assert!(error_m < 0.6, "{by_s} s, v{}: {error_m} m", vehicle + 1);
+        }
+    }
+}

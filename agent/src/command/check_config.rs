@@ -218,7 +218,12 @@ fn listed(texts: &[String], none: &str) -> String {
 fn start(start: &Start) -> String {
     match start {
         Start::Pose(at) => pose(at),
-        _ => "unknown: waits for a pose fix".to_owned(),
+        Start::Checkpoint(checkpoint) => {
+            format!("checkpoint, {}", pose(&checkpoint.world_from_body))
+        }
+        Start::Unknown => {
+            "unknown: placed by located neighbours, a pose fix or @rpc/set_pose".to_owned()
+        }
     }
 }
 

@@ -29,6 +29,8 @@ pub(crate) struct DeadReckoning {
     correction: Option<Correction>,
     velocity: Option<BodyVelocity>,
     interrupted: Option<Span>,
+    /// The clock was set back by so much since the newest odometry.
+    set_back: Option<Span>,
 }
 
 /// What makes odometry an estimate.
@@ -79,6 +81,7 @@ impl DeadReckoning {
             correction: None,
             velocity: None,
             interrupted: None,
+            set_back: None,
         }
     }
 
@@ -111,9 +114,10 @@ impl DeadReckoning {
         let mut growth = newest.growth;
         let sensor_position =
             |pose: &Transform<Odometry, Body>| (*pose * *body_from_sensor).translation;
-        if gap > BRIDGE_MAX {
+        let set_back = self.set_back.take();
+        if let Some(lost) = set_back.or((gap > BRIDGE_MAX).then_some(gap)) {
             segment = segment.wrapping_add(1);
-            self.interrupted = Some(gap);
+            self.interrupted = Some(lost);
         } else if gap > SEAM_MAX {
             // The speed that comes after the gap is taken for the speed within; all of that motion may be wrong.
             let share = gap.as_secs_f64() / (taken - since).as_secs_f64();
@@ -169,6 +173,11 @@ impl DeadReckoning {
             Some(newest) => self.correct(&newest, world_from_body),
             None => self.start = Start::Pose(world_from_body),
         }
+    }
+
+    /// Nobody knows how the vehicle moves for so long: what odometry comes next does not go on from what came before.
+    pub(crate) fn interrupt(&mut self, lost: Span) {
+        self.set_back = self.set_back.max(Some(lost));
     }
 
     /// Odometry at an instant.

@@ -43,8 +43,23 @@ fn place(checkpoint: &Checkpoint) -> String {
 }
 
 impl Vehicle {
-    /// The state of the estimate, and when it is not a tracked one, why and what to do.
+    /// The state of the estimate, and what is wrong and what to do.
     pub(crate) fn status(&self, now: Stamp) -> (Status, Option<String>) {
+        let (status, why) = self.own_status(now);
+        let Some(boot) = self.neighbours.namesakes.alive(now) else {
+            return (status, why);
+        };
+        let namesake = format!(
+            "another process (boot {}) runs under this vehicle's name, so that others refuse both: stop one of them, or \
+             give it a name of its own",
+            boot_text(boot)
+        );
+        let whole = why.map_or_else(|| namesake.clone(), |why| format!("{why}; {namesake}"));
+        (status, Some(whole))
+    }
+
+    /// The state of the estimate, and when it is not a tracked one, why and what to do.
+    fn own_status(&self, now: Stamp) -> (Status, Option<String>) {
         let Some(newest) = self.reckoning.newest() else {
             let status = if self.reckoning.is_resuming() {
                 Status::Resuming

@@ -31,6 +31,9 @@ use crate::trust::{Mark, Trust};
 /// How often the health is published.
 const HEALTH_EVERY: Span = Span::secs(1);
 
+/// A clock that goes back by more than this was set; less is two threads that read it in turn.
+const SET_BACK_MIN: Span = Span::secs(1);
+
 /// The whole daemon minus sockets, for one vehicle and one boot.
 ///
 /// Deterministic: the same inputs at the same times give the same outputs, bit by bit.
@@ -97,8 +100,13 @@ impl Vehicle {
         }
     }
 
-    /// Takes one input at its time. Time never runs backwards: an earlier `now` is taken for the last one.
+    /// Takes one input at its time. Time never runs backwards: an earlier `now` is taken for the last one. A clock that
+    /// was set back by more than a second has taken the odometry of that time with it: the pose is lost until somebody
+    /// places the vehicle again.
     pub fn handle(&mut self, now: Stamp, input: Input) {
+        if self.now - now > SET_BACK_MIN {
+            self.reckoning.interrupt(self.now - now);
+        }
         self.now = self.now.max(now);
         let now = self.now;
         match input {

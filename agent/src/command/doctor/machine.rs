@@ -50,9 +50,13 @@ pub(super) fn synchronised() -> Finding {
 
 /// Whether the folders that the daemon writes to take a file.
 pub(super) fn folders(settings: &Settings) -> Vec<Finding> {
-    let written = settings.log.as_deref().map(|path| ("log folder", path));
+    let written = [
+        ("log folder", settings.log.as_deref()),
+        ("checkpoint folder", settings.checkpoint.as_deref()),
+    ];
     written
         .into_iter()
+        .filter_map(|(check, path)| Some((check, path?)))
         .map(|(check, path)| folder_of(check, path))
         .collect()
 }
