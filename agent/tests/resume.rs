@@ -17,9 +17,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
-use team::{
-    Flight, Since, name, neighbour, nth_name, settings, started, status, until, within,
-};
+use team::{Flight, Since, name, neighbour, nth_name, settings, started, status, until, within};
 use zenoh::Wait;
 
 const TEAM: usize = 3;
@@ -125,11 +123,7 @@ fn a_killed_process_resumes_within_a_second_misleads_nobody_and_is_placed_within
     let folder = std::env::temp_dir().join(format!("skein-resume-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let clock = Clock::real();
-    let first = started(settings(
-        "resuming",
-        0,
-        NetworkSettings::loopback(vec![]),
-    ));
+    let first = started(settings("resuming", 0, NetworkSettings::loopback(vec![])));
     let second = started(settings(
         "resuming",
         1,
@@ -295,7 +289,11 @@ fn an_operator_s_pose_is_checked_answered_and_flown_on_from() {
         (set_pose.as_str(), "", "malformed"),
         (&set_pose, "over there", "malformed"),
         (&set_pose, r#"{"position_m": [1.0, 2.0]}"#, "malformed"),
-        (&set_pose, r#"{"position_m": [1e9, 2.0, 3.0]}"#, "out_of_range"),
+        (
+            &set_pose,
+            r#"{"position_m": [1e9, 2.0, 3.0]}"#,
+            "out_of_range",
+        ),
         (
             &set_pose,
             r#"{"position_m": [1, 2, 3], "quaternion_wxyz": [2, 0, 0, 0]}"#,
@@ -319,7 +317,10 @@ fn an_operator_s_pose_is_checked_answered_and_flown_on_from() {
     // It looks north and flies ahead at 1 m/s.
     let pose = agent.latest_estimate().unwrap().document.pose.unwrap();
     let [x, y, z] = pose.position_m;
-    assert!((x - 10.0).abs() < 0.01 && (z - 3.0).abs() < 0.01, "{pose:?}");
+    assert!(
+        (x - 10.0).abs() < 0.01 && (z - 3.0).abs() < 0.01,
+        "{pose:?}"
+    );
     assert!((19.99..22.0).contains(&y), "{pose:?}");
     assert!((pose.yaw_pitch_roll_deg[0] - 90.0).abs() < 0.1, "{pose:?}");
     until("it flies on from there", || {
