@@ -1,5 +1,5 @@
 //! `skein-soak virtual [MINUTES]` and `skein-soak live [MINUTES]`: long flights with every fault on, one line a sample.
-//! Ends with 1 when something grew between the first tenth of the flight and its end.
+//! Ends with 1 when something grew from the second quarter of the flight to its end.
 #![allow(
     clippy::print_stdout,
     clippy::print_stderr,
@@ -13,7 +13,7 @@ const USAGE: &str =
     "usage: skein-soak virtual [MINUTES, default 60] | skein-soak live [MINUTES, default 10]";
 /// Samples of one flight.
 const SAMPLES: u64 = 40;
-/// How much more memory than after a tenth of the flight is no growth.
+/// How much more memory than in the second quarter of the flight is no growth.
 const GROWTH_MAX: f64 = 0.05;
 
 fn main() -> ExitCode {
@@ -59,19 +59,20 @@ impl Watched {
         }
     }
 
-    /// Whether the largest of the last tenth is no more than that of the second tenth, with what is allowed.
+    /// Whether the most in the last quarter is no more than that in the second, with what is allowed. The first quarter
+    /// warms up: pools, caches and allocators find their size.
     fn is_flat(&self) -> bool {
-        let tenth = (self.samples.len() / 10).max(1);
+        let quarter = self.samples.len() / 4;
         let most = |samples: &[f64]| samples.iter().copied().fold(0.0, f64::max);
-        let early = most(&self.samples[tenth..3 * tenth]);
-        let late = most(&self.samples[self.samples.len() - 2 * tenth..]);
-        let flat = late <= early * (1.0 + self.growth_max);
-        let verdict = if flat { "flat" } else { "GROWS" };
+        let early = most(&self.samples[quarter..2 * quarter]);
+        let late = most(&self.samples[3 * quarter..]);
+        let is_flat = late <= early * (1.0 + self.growth_max);
+        let verdict = if is_flat { "flat" } else { "GROWS" };
         println!(
-            "{}: {early} in the second tenths, {late} in the last: {verdict}",
+            "{}: at most {early:.2} in the second quarter, {late:.2} in the last: {verdict}",
             self.what
         );
-        flat
+        is_flat
     }
 }
 

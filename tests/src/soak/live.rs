@@ -175,7 +175,7 @@ impl Live {
                 rotation_sigma_rad: 0.001,
                 translation_sigma_m: 0.002,
             }));
-            for other in (0..TEAM).filter(|other| *other != nth && self.ticks % 4 == 0) {
+            for other in (0..TEAM).filter(|other| *other != nth && self.ticks.is_multiple_of(4)) {
                 let is_wrong = self.chance.random_ratio(1, 20);
                 let error_m = if is_wrong { 15.0 } else { 0.0 };
                 tags.send(&Frame::Relative(RelativeFrame {
