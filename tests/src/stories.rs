@@ -9,11 +9,19 @@ use skein_simworld::world::{Delivery, World};
 use skein_vehicle::Config;
 
 /// A world whose frames pass through a change on their way to the drivers.
-#[derive(Debug)]
 pub struct Altered<F> {
     /// The world behind it.
     pub world: World,
     change: F,
+}
+
+impl<F> std::fmt::Debug for Altered<F> {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter
+            .debug_struct("Altered")
+            .field("world", &self.world)
+            .finish_non_exhaustive()
+    }
 }
 
 impl<F: FnMut(&World, usize, i64, &mut Vec<Delivery>)> Stage for Altered<F> {

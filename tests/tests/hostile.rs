@@ -710,3 +710,266 @@ fn absurd_odometry_leaves_every_output_finite() {
     );
     eprintln!("{:?}", pilot.health().rounds);
 }
+
+/// Packets that strangers feed to a flying vehicle, and those that go to the decoders alone: a million together.
+const FORGED: usize = 250_000;
+const DECODED: usize = 750_000;
+/// Names that strangers take. With those of the team they fit among the neighbours of a vehicle, so that none is
+/// forgotten with its counts.
+const STRANGERS: u32 = 40;
+
+/// An honest packet or two, no longer what they were: bits flipped, cut short, made longer, one head on another's body,
+/// or nothing but chance.
+fn mutated(packets: &[(PacketKey, Vec<u8>)], rng: &mut ChaCha8Rng) -> Vec<u8> {
+    let (_, honest) = packets.choose(rng).unwrap();
+    let mut bytes = honest.clone();
+    match rng.random_range(0..6) {
+        0 => {
+            for _ in 0..rng.random_range(1..=8) {
+                let at = rng.random_range(0..bytes.len());
+                bytes[at] ^= 1 << rng.random_range(0..8);
+            }
+        }
+        1 => bytes.truncate(rng.random_range(0..bytes.len())),
+        2 => bytes.extend(random_bytes(rng, 200)),
+        3 => {
+            let (_, other) = packets.choose(rng).unwrap();
+            bytes.truncate(rng.random_range(0..=bytes.len()));
+            bytes.extend(&other[rng.random_range(0..other.len())..]);
+        }
+        4 => bytes = random_bytes(rng, 1_400),
+        // The length in the head says what follows: the damage behind it is found by the body's own rules.
+        _ => {
+            let body = random_bytes(rng, 300);
+            bytes.truncate(32);
+            bytes.extend(&body);
+            bytes[2..4].copy_from_slice(&(body.len() as u16).to_le_bytes());
+        }
+    }
+    bytes
+}
+
+/// The packets as they would have been in a flight an hour ago: nothing in them echoes what is sent in this one.
+fn an_hour_ago(packets: Vec<(PacketKey, Vec<u8>)>) -> Vec<(PacketKey, Vec<u8>)> {
+    const HOUR_NS: i64 = 3_600_000_000_000;
+    let older = |(key, bytes): (PacketKey, Vec<u8>)| {
+        let head = |envelope: Envelope| Envelope {
+            taken_ns: envelope.taken_ns - HOUR_NS,
+            ..envelope
+        };
+        let bytes = match key {
+            PacketKey::Exchange { .. } => {
+                let (envelope, mut exchange) = decode::<Exchange>(&bytes).unwrap();
+                exchange.sent_ns -= HOUR_NS;
+                if let Some(echo) = &mut exchange.echo {
+                    echo.heard_ns -= HOUR_NS;
+                    echo.received_ns -= HOUR_NS;
+                }
+                codec::encode(head(envelope), &exchange).unwrap()
+            }
+            PacketKey::Odometry { .. } => {
+                let (envelope, mut record) = decode::<RoundRecord>(&bytes).unwrap();
+                record.sent_ns -= HOUR_NS;
+                for echo in &mut record.echoes {
+                    echo.heard_ns -= HOUR_NS;
+                    echo.received_ns -= HOUR_NS;
+                }
+                codec::encode(head(envelope), &record).unwrap()
+            }
+        };
+        (key, bytes)
+    };
+    packets.into_iter().map(older).collect()
+}
+
+#[test]
+fn a_quarter_of_a_million_forged_packets_of_strangers_move_no_estimate_by_a_bit() {
+    eprintln!("seed {SEED}");
+    let flight = Flight::of_section_v();
+    // Strangers do not hear the fleet: whoever echoes what is sent now lives, and is a neighbour like any other.
+    let packets = an_hour_ago(flight.packets());
+    let honest = flight.fly(|_, _, _| {});
+
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED + 3);
+    let each = FORGED.div_ceil(flight.inputs.len());
+    let (mut fed, mut decodable) = (0, 0);
+    let pestered = flight.fly(|_, now, pilot| {
+        for _ in 0..each {
+            let from = name(&format!("stranger{}", rng.random_range(0..STRANGERS)));
+            // One in four is whole but for who sent it.
+            let mut bytes = if rng.random_ratio(1, 4) {
+                packets.choose(&mut rng).unwrap().1.clone()
+            } else {
+                mutated(&packets, &mut rng)
+            };
+            if let Some(sender) = bytes.get_mut(16..24) {
+                sender.copy_from_slice(&from.hash().to_le_bytes());
+            }
+            let to = name("v1");
+            let (key, decodes) = if rng.random() {
+                let key = PacketKey::Odometry { from };
+                (key, decode::<RoundRecord>(&bytes).is_ok())
+            } else {
+                let key = PacketKey::Exchange { from, to };
+                (key, decode::<Exchange>(&bytes).is_ok())
+            };
+            decodable += u64::from(decodes);
+            pilot.feed(now, Input::Packet { key, bytes });
+            fed += 1;
+        }
+    });
+    let strangers = pestered.health().neighbours.len() - honest.health().neighbours.len();
+    eprintln!("{fed} packets of {strangers} strangers, {decodable} of them decodable");
+    assert!(fed >= FORGED as u64 && decodable > 20_000);
+    assert_eq!(strangers, STRANGERS as usize);
+    assert_eq!(honest.estimate().status, Status::Tracking);
+    let estimates = |pilot: &Pilot| -> Vec<Output> {
+        let is_estimate = |output: &&Output| matches!(output, Output::Estimate { .. });
+        pilot.outputs.iter().filter(is_estimate).cloned().collect()
+    };
+    assert!(
+        estimates(&honest) == estimates(&pestered),
+        "every estimate is that of the flight without them, bit by bit"
+    );
+    assert_eq!(counted(pestered.health()) - counted(honest.health()), fed);
+}
+
+/// Whether bytes are a message, which can then be said again: its numbers are in range, its lists within bounds.
+fn is_message<M: codec::Body + PartialEq + std::fmt::Debug>(bytes: &[u8]) -> bool {
+    let Ok((envelope, message)) = decode::<M>(bytes) else {
+        return false;
+    };
+    let again = codec::encode(envelope, &message).unwrap();
+    let (_, same) = decode::<M>(&again).unwrap();
+    assert_eq!(same, message);
+    true
+}
+
+#[test]
+fn three_quarters_of_a_million_mutated_packets_are_messages_or_errors_to_every_decoder() {
+    eprintln!("seed {SEED}");
+    let flight = Flight::of_section_v();
+    let packets = flight.packets();
+    let frames = flight.frames();
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED + 4);
+    let (mut messages, mut errors) = (0, 0);
+    let mut tally = |is_message: bool| {
+        if is_message {
+            messages += 1;
+        } else {
+            errors += 1;
+        }
+    };
+    for _ in 0..DECODED / 5 {
+        let bytes = mutated(&packets, &mut rng);
+        tally(is_message::<Exchange>(&bytes));
+        tally(is_message::<RoundRecord>(&bytes));
+        tally(is_message::<Estimate>(&bytes));
+        tally(Frame::decode(&bytes).is_ok());
+        let frame = frames.choose(&mut rng).unwrap();
+        tally(Frame::decode(&damaged(&frame.1, &mut rng)).is_ok());
+    }
+    eprintln!("{messages} messages, {errors} errors");
+    assert_eq!(messages + errors, DECODED);
+    assert!(messages > 1_000, "{messages}");
+}
+
+/// A text of a person cut at every byte, and with each bit of it flipped at least once in three texts of `flips`.
+fn spoilt(text: &str, flips: usize, rng: &mut ChaCha8Rng) -> Vec<String> {
+    let bytes = text.as_bytes();
+    let lossy = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    let mut spoilt: Vec<String> = (0..bytes.len()).map(|cut| lossy(&bytes[..cut])).collect();
+    for nth in 0..flips {
+        let mut flipped = bytes.to_vec();
+        let at = nth % bytes.len();
+        flipped[at] ^= 1 << rng.random_range(0..8);
+        if nth >= bytes.len() {
+            let at = rng.random_range(0..bytes.len());
+            flipped[at] ^= 1 << rng.random_range(0..8);
+        }
+        spoilt.push(lossy(&flipped));
+    }
+    spoilt
+}
+
+/// The example with the keys that stand in comments, but for those of another network and of recordings.
+fn every_key() -> String {
+    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../agent/examples/skein.toml");
+    let text = std::fs::read_to_string(root).unwrap();
+    let mut whole = String::new();
+    for line in text.lines() {
+        let uncommented = line.strip_prefix("# ").unwrap_or(line);
+        let excluded = ["zenoh_config", "[clock]", "rate ", "driver "];
+        let is_key =
+            toml_like(uncommented) && !excluded.iter().any(|key| uncommented.starts_with(key));
+        whole.push_str(if is_key { uncommented } else { line });
+        whole.push('\n');
+    }
+    whole
+}
+
+/// Whether a line of a comment is a key or a table and not a sentence.
+fn toml_like(line: &str) -> bool {
+    let is_name =
+        |word: &str| !word.is_empty() && word.chars().all(|c| c.is_ascii_lowercase() || c == '_');
+    let table = line
+        .strip_prefix('[')
+        .and_then(|rest| rest.split(']').next());
+    let key = line.split_once(" = ").map(|(key, _)| key);
+    table.or(key).is_some_and(is_name)
+}
+
+#[test]
+fn a_configuration_cut_or_damaged_anywhere_is_read_or_refused_with_its_place() {
+    eprintln!("seed {SEED}");
+    let text = every_key();
+    let folder = std::path::Path::new("/nonexistent");
+    let parse = |text: &str| skein_agent::config::parse(text, "skein.toml", folder);
+    let whole = parse(&text).map_err(|error| error.mistake()).unwrap();
+    assert!(whole.log.is_some() && whole.faults.is_some(), "{text}");
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED + 5);
+    let (mut read, mut refused) = (0, 0);
+    for spoilt in spoilt(&text, 3 * text.len(), &mut rng) {
+        match parse(&spoilt) {
+            Ok(_) => read += 1,
+            Err(error) => {
+                let mistake = error.mistake();
+                assert!(
+                    mistake.line.is_some() && !mistake.message.is_empty(),
+                    "{mistake:?} of\n{spoilt}"
+                );
+                refused += 1;
+            }
+        }
+    }
+    eprintln!("{read} are configurations, {refused} are refused with a place");
+    assert!(read > 100 && refused > 1_000);
+}
+
+#[test]
+fn a_scenario_cut_or_damaged_anywhere_is_read_or_refused_with_its_place() {
+    eprintln!("seed {SEED}");
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED + 6);
+    for scenario in Scenario::built_in_names() {
+        let text = Scenario::built_in_text(scenario).unwrap();
+        let (mut read, mut refused) = (0, 0);
+        for spoilt in spoilt(text, 3 * text.len(), &mut rng) {
+            match Scenario::parse(&spoilt, scenario) {
+                Ok(_) => read += 1,
+                Err(error) => {
+                    let said = error.to_string();
+                    let place = said
+                        .split_once(&format!("{scenario}:"))
+                        .map(|(_, rest)| rest);
+                    assert!(
+                        place.is_some_and(|rest| rest.starts_with(|c: char| c.is_ascii_digit())),
+                        "{said}\n{spoilt}"
+                    );
+                    refused += 1;
+                }
+            }
+        }
+        eprintln!("{scenario}: {read} are scenarios, {refused} are refused with a place");
+        assert!(read > 50 && refused > 100);
+    }
+}
