@@ -297,6 +297,14 @@ fn meaning(reason: &str) -> Option<&'static str> {
         "version" => "another major version",
         "wrong_hash" => "the sender's hash does not fit its name",
         "old_boot" => "from a boot that no longer counts",
+        "unproven_boot" => "from a process that has not answered us: a new one, or a recording",
+        "new_boot" => "from a restarted process whose predecessor has not left yet",
+        "duplicate_id" => "two processes run under this name: stop one or rename it",
+        "out_of_sequence" => "it came far out of order, or is a replay",
+        "gated" => "it disagreed with everything else by more than can be explained",
+        "quarantined" => {
+            "it goes on disagreeing while others agree: are its mounts and its start pose right?"
+        }
         "clock_unknown" => "its clock was not known yet",
         "too_late" => "its round was solved already: the network or a clock is slow",
         "from_the_future" => "it lies too far ahead: is taken_ns on the vehicle's clock?",
