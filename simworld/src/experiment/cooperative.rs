@@ -11,7 +11,7 @@ use crate::statistics::{ErrorSummary, PoseError};
 use crate::world::{World, nanos};
 use rayon::prelude::*;
 use serde::Serialize;
-use skein_estimation::cooperative::Optimiser;
+use skein_estimation::cooperative::{Mode, Optimiser};
 use std::fmt::Write;
 
 /// How often the kind changes in the cells that mix kinds.
@@ -184,7 +184,7 @@ pub fn run(cell: Cell, request: &Request, flown: impl Fn() + Sync) -> Result<Cel
     Ok(CellResult {
         robots: cell.robots,
         kind: cell.kind_name(),
-        mode: "paper".to_owned(),
+        mode: Mode::Paper.name().to_owned(),
         samples: request.samples,
         mean_error_m: number(|s| s.mean_norm_m),
         stderr_m: number(|s| s.mean_norm_stderr_m),
@@ -210,6 +210,7 @@ fn fly(scenario: &Scenario, sample: u64, request: &Request) -> Result<Vec<PoseEr
         return Ok(flown.iter().enumerate().map(error).collect());
     }
     let mut fleet = Fleet::with_configs(scenario, sample, |_, config| skein_vehicle::Config {
+        mode: Mode::Paper,
         optimiser: request.optimiser,
         ..config
     });
@@ -348,7 +349,11 @@ pub fn figure_6(seed: u64) -> Result<Figure6, PlotError> {
     let mut final_error_m = Vec::new();
     for kind in KINDS {
         scenario.sensor.kind = kind;
-        let mut fleet = Fleet::new(&scenario, 0);
+        let as_published = |_, config| skein_vehicle::Config {
+            mode: Mode::Paper,
+            ..config
+        };
+        let mut fleet = Fleet::with_configs(&scenario, 0, as_published);
         let period_ns = fleet.stage().period_ns();
         let (mut truth, mut reckoned, mut estimated) = (Vec::new(), Vec::new(), Vec::new());
         for k in 0..=nanos(scenario.duration_s) / period_ns {

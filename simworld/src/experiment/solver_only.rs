@@ -162,10 +162,15 @@ mod tests {
     use crate::fleet::Fleet;
     use crate::scenario::Scenario;
     use crate::sensor::Kind;
+    use skein_estimation::cooperative::Mode;
 
     fn agree(scenario: &Scenario) {
         let bare = fly(&mut World::new(scenario, 0), &Optimiser::gauss_newton()).unwrap();
-        let mut fleet = Fleet::new(scenario, 0);
+        let as_published = |_, config| skein_vehicle::Config {
+            mode: Mode::Paper,
+            ..config
+        };
+        let mut fleet = Fleet::with_configs(scenario, 0, as_published);
         let period_ns = fleet.stage().period_ns();
         for (k, estimates) in bare.iter().enumerate() {
             fleet.run_until((k as i64 + 1) * period_ns);

@@ -302,6 +302,104 @@ mod tests {
     }
 
     #[test]
+    fn a_moderate_error_is_three_to_ten_deviations_of_what_the_sensor_states_whichever_way() {
+        let mut rng = Streams::new(1, 0).vehicle(0, Purpose::Outlier);
+        let truth = truth::pose_from_euler(Vector3::new(3.0, 1.0, -2.0), 0.4, 0.0, 0.0);
+        let place = truth.translation.vector;
+        let noise = Noise {
+            translation_std_m: 0.02,
+            distance_std_m: 0.05,
+            ..Noise::default()
+        };
+        // 2 / sqrt(10,000) of an angle.
+        let angle_std_rad = 0.02;
+        for kind in [Kind::Pose, Kind::Bearing, Kind::Distance] {
+            let (mut deviations, mut sum) = (Vec::new(), Vector3::zeros());
+            for _ in 0..20_000 {
+                let wrong = Wrong::Moderate.once(7.0, &mut rng).of(&truth, kind, &noise);
+                let moved = wrong.translation.vector - place;
+                let turned = truth.rotation.angle_to(&wrong.rotation) / angle_std_rad;
+                assert!((3.0..=10.0).contains(&turned), "{turned}");
+                sum += moved / place.norm();
+                deviations.push(match kind {
+                    Kind::Bearing => place.angle(&wrong.translation.vector) / angle_std_rad,
+                    Kind::Distance => (wrong.translation.vector.norm() - place.norm()).abs() / 0.05,
+                    _ => moved.norm() / 0.02,
+                });
+            }
+            let mean = deviations.iter().sum::<f64>() / 20_000.0;
+            assert!(deviations.iter().all(|x| (2.999..10.001).contains(x)));
+            assert!((mean - 6.5).abs() < 0.05, "{kind:?}: {mean}");
+            // A turned bearing falls short of its direction by 1 - cos 0.13 on average.
+            assert!((sum / 20_000.0).norm() < 0.011, "{kind:?}: {sum}");
+        }
+    }
+
+    /// In which rounds a sensor is wrong, and by which pose.
+    fn wrong_rounds(burst: WrongBurst, observer: usize, rounds: usize) -> Vec<Option<Pose>> {
+        let settings = FalsePositives {
+            burst: Some(burst),
+            ..FalsePositives::default()
+        };
+        let mut bursts = Bursts::of_observer(&settings, 7.0, observer, &Streams::new(4, 0));
+        (0..rounds)
+            .map(|_| {
+                bursts.begin_round();
+                let mistake = bursts.mistake()?;
+                Some(mistake.of(&Pose::identity(), Kind::Pose, &Noise::default()))
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_burst_lasts_its_rounds_with_one_error_and_comes_as_often_as_asked() {
+        for wrong in [Wrong::Gross, Wrong::Moderate, Wrong::Displaced] {
+            let burst = WrongBurst {
+                start_probability: 0.02,
+                rounds: 10,
+                wrong,
+            };
+            let seen = wrong_rounds(burst, 0, 100_000);
+            let runs = seen.chunk_by(|a, b| a == b);
+            let bursts: Vec<usize> = runs
+                .filter(|run| run[0].is_some())
+                .map(<[Option<Pose>]>::len)
+                .collect();
+            // The last one may be cut short.
+            let whole = &bursts[..bursts.len() - 1];
+            assert!(whole.iter().all(|rounds| *rounds == 10), "{wrong:?}");
+            // A burst in every 49 rounds without and 10 with; a count is off by its root.
+            let expected: f64 = 100_000.0 / 59.0;
+            let count = bursts.len() as f64;
+            assert!((count - expected).abs() < 4.0 * expected.sqrt(), "{count}");
+            let others = wrong_rounds(burst, 1, 100_000);
+            let both = seen.iter().zip(&others);
+            let both = both.filter(|(a, b)| a.is_some() && b.is_some()).count() as f64;
+            let alone = (10.0_f64 / 59.0).powi(2) * 100_000.0;
+            assert!((both / alone - 1.0).abs() < 0.15, "{both} of {alone}");
+        }
+    }
+
+    #[test]
+    fn bursts_are_read_from_a_scenario_and_never_begin_when_they_last_no_round() {
+        let settings: FalsePositives =
+            toml::from_str("burst = { start_probability = 0.1, rounds = 5, wrong = \"moderate\" }")
+                .unwrap();
+        let burst = settings.burst.unwrap();
+        assert_eq!((burst.rounds, burst.wrong), (5, Wrong::Moderate));
+        let endless = WrongBurst {
+            start_probability: 1.0,
+            ..burst
+        };
+        assert!(wrong_rounds(endless, 0, 50).iter().all(Option::is_some));
+        let none = WrongBurst {
+            rounds: 0,
+            ..endless
+        };
+        assert!(wrong_rounds(none, 0, 50).iter().all(Option::is_none));
+    }
+
+    #[test]
     fn a_phantom_keeps_near_its_observer_and_is_taken_for_another_vehicle() {
         let settings = FalsePositives {
             phantoms: 3,

@@ -244,6 +244,46 @@ fn wrong_measurements_come_as_often_as_asked_and_say_so() {
 }
 
 #[test]
+fn a_sensor_that_is_wrong_for_a_while_is_wrong_about_everybody_by_one_error_and_says_so() {
+    let false_positives = FalsePositives {
+        burst: Some(WrongBurst {
+            start_probability: 0.1,
+            rounds: 7,
+            wrong: Wrong::Displaced,
+        }),
+        ..FalsePositives::default()
+    };
+    let settings = SensorSettings {
+        miss_probability: 0.0,
+        noise: exact(),
+        false_positives,
+        ..SensorSettings::default()
+    };
+    let mut sensor = sensor(&settings);
+    let mut wrongs = 0;
+    for k in 0..500 {
+        sensor.begin_round(0.2 * f64::from(k), 0.2);
+        let mut errors = Vec::new();
+        for (target, x) in [(1, 2.0), (2, 4.0)] {
+            let sight = sensor.observe(0.0, &at(0.0, 0.0, 0.0), target, &at(x, 0.0, 0.0));
+            let Sight::Seen {
+                reading: Reading::Pose(pose),
+                wrong,
+            } = sight
+            else {
+                panic!("nothing is missed here")
+            };
+            let off = pose.translation.vector - Vector3::new(x, 0.0, 0.0);
+            assert_eq!(wrong, off.norm() > 1e-6);
+            wrongs += i32::from(wrong);
+            errors.push(off);
+        }
+        assert!((errors[0] - errors[1]).norm() < 1e-9, "{errors:?}");
+    }
+    assert!(wrongs > 100, "{wrongs}");
+}
+
+#[test]
 fn phantoms_are_measured_as_robots_are() {
     let false_positives = FalsePositives {
         phantoms: 2,

@@ -4,13 +4,20 @@ use super::kernel::Kernel;
 use super::refusal::Refusal;
 
 /// How a vehicle's round is weighed.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Mode {
     /// As in the paper: every measurement and every anchor has weight one, without a robust kernel.
-    #[default]
     Paper,
     /// Fixed anchor weights and a redescending kernel whose scale follows the disagreement that is to be expected.
     Star(Robust),
+}
+
+impl Default for Mode {
+    /// The robust star: better than the paper's weights on clean flights too, and the only one that survives outliers
+    /// (`skein-sim experiment modes`).
+    fn default() -> Self {
+        Self::Star(Robust::DEFAULT)
+    }
 }
 
 impl Mode {
