@@ -205,6 +205,7 @@ impl Method {
                     rotation: 1.0 / (0.02 * 0.02),
                     translation: 1.0 / (0.005 * 0.005),
                 },
+                oriented_rotation: 1.0 / (0.02 * 0.02),
                 ..robust
             }),
         }
