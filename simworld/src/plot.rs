@@ -310,7 +310,7 @@ pub fn bars(title: &str, groups: &[BarGroup], top: f64) -> Result<String, PlotEr
         }
         for (nth, group) in groups.iter().enumerate() {
             let (x, y) = chart.backend_coord(&(nth as f64 + 0.5, 0.0));
-            for (line, word) in group.label.split(' ').enumerate() {
+            for (line, words) in lines(&group.label).into_iter().enumerate() {
                 let centred = small()
                     .color(&BLACK)
                     .pos(plotters::style::text_anchor::Pos::new(
@@ -318,14 +318,29 @@ pub fn bars(title: &str, groups: &[BarGroup], top: f64) -> Result<String, PlotEr
                         plotters::style::text_anchor::VPos::Top,
                     ));
                 let at = (x, y + (6 + 13 * line as i32) * PIXEL as i32);
-                root.draw(&Text::new(word.to_owned(), at, centred))
-                    .map_err(drawing)?;
+                root.draw(&Text::new(words, at, centred)).map_err(drawing)?;
             }
         }
-        legend(&mut chart, SeriesLabelPosition::UpperLeft)?;
+        legend(&mut chart, SeriesLabelPosition::UpperRight)?;
         root.present().map_err(drawing)?;
     }
     Ok(in_pixels(&svg))
+}
+
+/// A label in lines that fit below a group of bars.
+fn lines(label: &str) -> Vec<String> {
+    const LETTERS_MAX: usize = 12;
+    let mut lines: Vec<String> = Vec::new();
+    for word in label.split(' ') {
+        match lines.last_mut() {
+            Some(line) if line.len() + 1 + word.len() <= LETTERS_MAX => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
 }
 
 /// The same drawing, its size given in pixels; its coordinates keep their finer unit.
@@ -530,6 +545,40 @@ mod tests {
                     && wide_y.end >= y.end
             );
         }
+    }
+
+    #[test]
+    fn bars_carry_their_heights_as_numbers_also_where_they_are_cut() {
+        let bar = |label: &str, height: f64| Bar {
+            label: label.to_owned(),
+            height,
+            stderr: 0.02,
+        };
+        let groups = [
+            BarGroup {
+                label: "clean".into(),
+                bars: vec![bar("paper", 0.28), bar("star", 0.22)],
+            },
+            BarGroup {
+                label: "gross outliers, blackout".into(),
+                bars: vec![bar("paper", 8.89), bar("star", 1.43)],
+            },
+        ];
+        let svg = bars("Which mode?", &groups, 2.0).unwrap();
+        keep("bars.svg", &svg);
+        for text in ["0.28", "0.22", "8.89", "1.43", "outliers,", "blackout"] {
+            assert_eq!(svg.matches(&format!("\n{text}\n")).count(), 1, "{text}");
+        }
+        let RGBColor(red, green, blue) = colour(1);
+        let fill = format!("fill=\"#{red:02X}{green:02X}{blue:02X}\"");
+        assert_eq!(svg.matches(&fill).count(), 2, "a bar in each group");
+        assert_eq!(lines("20 % of 3-10 sigma"), ["20 % of 3-10", "sigma"]);
+        assert!(bars("nothing", &[], 1.0).is_err());
+        let broken = [BarGroup {
+            label: "clean".into(),
+            bars: vec![bar("paper", f64::NAN)],
+        }];
+        assert!(bars("broken", &broken, 1.0).is_err());
     }
 
     #[test]

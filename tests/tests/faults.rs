@@ -1,0 +1,571 @@
+//! Everything that goes wrong outside a laboratory, each as a story of section V: how far the default mode is off at the
+//! end, and what the vehicles' health says of it. Mode `paper` flies beside it and is printed.
+//!
+//! A bound is one of the mean over all flights. Few are flown here, so a story fails when what it flew lies three
+//! standard errors beyond its bound; `skein-sim experiment modes` flies many.
+#![allow(clippy::unwrap_used)]
+
+use rayon::prelude::*;
+use skein_estimation::cooperative::Mode;
+use skein_proto::document::NeighbourHealth;
+use skein_proto::frame::{Frame, RelativeValue};
+use skein_proto::name::Name;
+use skein_proto::status::Status;
+use skein_simworld::experiment::modes::{Fault, Method, ratio_of_root_means, root_mean};
+use skein_simworld::fleet::Fleet;
+use skein_simworld::radio::{Burst, LinkOverride, Partition, RateLimit, Silence};
+use skein_simworld::scenario::Scenario;
+use skein_simworld::stage::Stage;
+use skein_simworld::world::{Delivery, World, nanos, numbers};
+use skein_tests::stories::altered;
+use skein_vehicle::{Config, Input};
+use std::collections::BTreeMap;
+
+const SEED: u64 = 1;
+const SAMPLES: u64 = 20;
+/// The round of section V, 0.2 s.
+const PERIOD_NS: i64 = 200_000_000;
+/// The most of odometry's error that a fault may leave where nothing else is asked: a team that measures holds.
+const OF_ODOMETRY: f64 = 0.2;
+
+/// What one flight came to.
+struct Flight {
+    sample: u64,
+    /// Mean of |e|^2 at the end over the vehicles scored, and the same of odometry alone.
+    square_m2: f64,
+    reckoned_m2: f64,
+    /// Everything that was refused of any neighbour by any vehicle, by reason.
+    refused: BTreeMap<String, u64>,
+    quarantines: u64,
+}
+
+/// The flights of one story in one mode.
+struct Flights(Vec<Flight>);
+
+fn section_v() -> Scenario {
+    Fault::Clean.scenario(SEED)
+}
+
+fn name(text: &str) -> Name {
+    Name::parse(text).unwrap()
+}
+
+fn in_mode(mode: Mode) -> impl Fn(usize, Config) -> Config {
+    move |_, config| Config { mode, ..config }
+}
+
+fn neighbours<S: Stage>(fleet: &Fleet<S>) -> impl Iterator<Item = &NeighbourHealth> {
+    (0..fleet.len()).flat_map(|vehicle| fleet.health(vehicle).unwrap().neighbours.values())
+}
+
+/// Flies to the end and scores some of the vehicles.
+fn land<S: Stage>(
+    fleet: &mut Fleet<S>,
+    sample: u64,
+    scored: &[usize],
+    world: impl Fn(&S) -> &World,
+) -> Flight {
+    let end_ns = nanos(20.0);
+    // The world prepares a round one period ahead: until the end is handled, its odometry reaches exactly to the end.
+    fleet.run_until(end_ns);
+    let reckoned = |vehicle: &usize| {
+        let world = world(fleet.stage());
+        let truth = world.pose(*vehicle, end_ns).translation.vector;
+        (world.dead_reckoning(*vehicle).translation.vector - truth).norm_squared()
+    };
+    let reckoned_m2 = scored.iter().map(reckoned).sum::<f64>() / scored.len() as f64;
+    fleet.run_until(end_ns + PERIOD_NS);
+    let square = |vehicle: &usize| fleet.position_error_m(*vehicle).powi(2);
+    let mut refused = BTreeMap::new();
+    for (reason, count) in neighbours(fleet).flat_map(|health| &health.refused) {
+        *refused.entry(reason.clone()).or_default() += count;
+    }
+    Flight {
+        sample,
+        square_m2: scored.iter().map(square).sum::<f64>() / scored.len() as f64,
+        reckoned_m2,
+        refused,
+        quarantines: neighbours(fleet).map(|health| health.quarantines).sum(),
+    }
+}
+
+/// The whole team over a scenario; `watch` sees every fleet at the end.
+fn fly_watched(scenario: &Scenario, mode: Mode, watch: impl Fn(&Fleet) + Sync) -> Flights {
+    let flight = |sample| {
+        let mut fleet = Fleet::with_configs(scenario, sample, in_mode(mode));
+        let flight = land(&mut fleet, sample, &[0, 1, 2, 3, 4], |world| world);
+        watch(&fleet);
+        flight
+    };
+    Flights((0..SAMPLES).into_par_iter().map(flight).collect())
+}
+
+fn fly(scenario: &Scenario, mode: Mode) -> Flights {
+    fly_watched(scenario, mode, |_| ())
+}
+
+/// In the default mode and as published; both are printed.
+fn both(story: &str, scenario: &Scenario) -> (Flights, Flights) {
+    let star = fly(scenario, Mode::default());
+    let paper = fly(scenario, Mode::Paper);
+    println!("{story}: {}; paper {}", star.line(), paper.line());
+    (star, paper)
+}
+
+impl Flights {
+    fn squares(&self) -> Vec<f64> {
+        self.0.iter().map(|flight| flight.square_m2).collect()
+    }
+
+    fn rmse_m(&self) -> (f64, f64) {
+        root_mean(&self.squares())
+    }
+
+    fn odometry_m(&self) -> f64 {
+        let reckoned: Vec<f64> = self.0.iter().map(|flight| flight.reckoned_m2).collect();
+        root_mean(&reckoned).0
+    }
+
+    fn line(&self) -> String {
+        let (rmse_m, stderr_m) = self.rmse_m();
+        let odometry_m = self.odometry_m();
+        format!("{rmse_m:.3} +- {stderr_m:.3} m, odometry {odometry_m:.2} m")
+    }
+
+    /// The worst flights, to be flown again.
+    fn worst(&self) -> String {
+        let mut flights: Vec<&Flight> = self.0.iter().collect();
+        flights.sort_by(|a, b| b.square_m2.total_cmp(&a.square_m2));
+        let told = flights.iter().take(3).map(|flight| {
+            let error_m = flight.square_m2.sqrt();
+            format!("sample {} {error_m:.2} m", flight.sample)
+        });
+        format!("seed {SEED}, {}", told.collect::<Vec<_>>().join(", "))
+    }
+
+    /// The team's error is at most this, but for what chance does to so few flights.
+    fn at_most(&self, bound_m: f64) -> &Self {
+        let (rmse_m, stderr_m) = self.rmse_m();
+        let said = format!("{} against {bound_m:.3} m; {}", self.line(), self.worst());
+        assert!(rmse_m - 3.0 * stderr_m <= bound_m, "{said}");
+        self
+    }
+
+    fn at_most_of_odometry(&self, share: f64) -> &Self {
+        self.at_most(share * self.odometry_m())
+    }
+
+    /// The same for the ratio to the same flights in another way.
+    fn at_most_times(&self, most: f64, others: &Self) -> &Self {
+        let (ratio, stderr) = ratio_of_root_means(&self.squares(), &others.squares());
+        println!("    {ratio:.3} +- {stderr:.3} times the other");
+        let said = format!("{ratio} +- {stderr} against {most}; {}", self.worst());
+        assert!(ratio - 3.0 * stderr <= most, "{said}");
+        self
+    }
+
+    fn refused(&self, reason: &str) -> u64 {
+        let count = |flight: &Flight| flight.refused.get(reason).copied().unwrap_or_default();
+        self.0.iter().map(count).sum()
+    }
+
+    /// In every flight something was refused for this reason.
+    fn names(&self, reason: &str) -> &Self {
+        for flight in &self.0 {
+            let counted = flight.refused.contains_key(reason);
+            let (sample, refused) = (flight.sample, &flight.refused);
+            assert!(
+                counted,
+                "{reason}: seed {SEED}, sample {sample}: {refused:?}"
+            );
+        }
+        self
+    }
+
+    fn quarantines_nobody(&self) -> &Self {
+        let at_fault = self.0.iter().filter(|flight| flight.quarantines > 0);
+        let at_fault: Vec<u64> = at_fault.map(|flight| flight.sample).collect();
+        assert!(at_fault.is_empty(), "seed {SEED}, samples {at_fault:?}");
+        self
+    }
+}
+
+#[test]
+fn one_measurement_in_five_grossly_wrong_is_gated_and_costs_next_to_nothing() {
+    let (star, paper) = both("20 % gross", &Fault::Gross.scenario(SEED));
+    star.at_most(0.30)
+        .names("gated")
+        .quarantines_nobody()
+        .at_most_times(0.2, &paper);
+    assert_eq!(paper.refused("gated"), 0);
+}
+
+#[test]
+fn one_measurement_in_five_moderately_wrong_harms_the_default_mode_less_than_the_paper() {
+    let (star, paper) = both("20 % of 3-10 sigma", &Fault::Moderate.scenario(SEED));
+    star.at_most_of_odometry(OF_ODOMETRY)
+        .quarantines_nobody()
+        .at_most_times(1.0, &paper);
+    let (star, paper) = both("20 % displaced", &Fault::Displaced.scenario(SEED));
+    star.at_most_of_odometry(OF_ODOMETRY)
+        .names("gated")
+        .quarantines_nobody()
+        .at_most_times(1.0, &paper);
+}
+
+#[test]
+fn sensors_that_are_wrong_for_two_seconds_at_a_time_are_gated() {
+    let (star, paper) = both("bursts", &Fault::Bursts.scenario(SEED));
+    // The hardest of all: one error ten times over looks like a vehicle that has turned.
+    star.at_most_of_odometry(2.0 * OF_ODOMETRY)
+        .names("gated")
+        .at_most_times(1.0, &paper);
+}
+
+#[test]
+fn phantoms_are_gated_or_superseded_by_the_robot_itself() {
+    let mut scenario = section_v();
+    scenario.sensor.false_positives.phantoms = 2;
+    let (star, paper) = both("two phantoms each", &scenario);
+    star.at_most_of_odometry(OF_ODOMETRY)
+        .names("gated")
+        .names("superseded")
+        .at_most_times(1.0, &paper);
+}
+
+#[test]
+fn after_ten_seconds_of_blackout_a_team_is_as_good_as_one_that_believes_everything() {
+    let scenario = Fault::Blackout.scenario(SEED);
+    let (star, _) = both("blackout", &scenario);
+    let believing = fly(&scenario, Method::StarWithoutKernel.mode());
+    star.at_most_times(1.1, &believing).quarantines_nobody();
+    // Half way the health names everybody as gone, and odometry as all there is.
+    let mut fleet = Fleet::with_configs(&scenario, 0, in_mode(Mode::default()));
+    fleet.run_until(nanos(12.0));
+    assert!(neighbours(&fleet).all(|health| !health.present));
+    for vehicle in 0..5 {
+        assert_eq!(fleet.health(vehicle).unwrap().status, Status::Alone);
+    }
+    fleet.run_until(nanos(20.0));
+    assert!(neighbours(&fleet).all(|health| health.present));
+    assert!((0..5).all(|vehicle| fleet.health(vehicle).unwrap().status == Status::Tracking));
+}
+
+#[test]
+fn gross_outliers_and_a_blackout_together_are_survived() {
+    let (star, paper) = both("gross, blackout", &Fault::GrossAndBlackout.scenario(SEED));
+    star.at_most(1.6).names("gated").at_most_times(0.5, &paper);
+}
+
+#[test]
+fn three_packets_in_ten_lost_are_missed_and_hardly_felt() {
+    let (star, paper) = both("30 % loss", &Fault::Loss.scenario(SEED));
+    star.at_most(0.36)
+        .names("no_prior")
+        .quarantines_nobody()
+        .at_most_times(1.0, &paper);
+}
+
+#[test]
+fn packets_lost_together_are_no_worse_than_packets_lost_by_themselves() {
+    let mut scenario = section_v();
+    scenario.radio.burst = Some(Burst {
+        share: 0.3,
+        mean_s: 0.5,
+        loss: 1.0,
+    });
+    let (star, _) = both("30 % of all time lost, half a second each", &scenario);
+    star.at_most_of_odometry(OF_ODOMETRY)
+        .names("no_prior")
+        .quarantines_nobody();
+}
+
+#[test]
+fn delay_jitter_disorder_and_copies_cost_a_tenth_at_most() {
+    let clean = fly(&section_v(), Mode::default());
+    clean.at_most(0.24).quarantines_nobody();
+    println!("clean: {}", clean.line());
+    let (delayed, _) = both("100 ms", &Fault::Delay.scenario(SEED));
+    delayed.at_most_times(1.1, &clean);
+    let (harsh, _) = both("harsh radio", &Fault::Harsh.scenario(SEED));
+    harsh
+        .at_most_times(1.1, &clean)
+        .at_most_times(1.1, &delayed)
+        .names("duplicate")
+        .names("too_late")
+        .quarantines_nobody();
+}
+
+#[test]
+fn links_that_work_one_way_only_are_named_and_cost_only_what_they_carry() {
+    let mut scenario = section_v();
+    let link = |from, to| LinkOverride {
+        from,
+        to,
+        loss: None,
+        delay_s: None,
+        jitter_s: None,
+        silent: false,
+    };
+    scenario.radio.links = vec![
+        LinkOverride {
+            silent: true,
+            ..link(0, 1)
+        },
+        LinkOverride {
+            loss: Some(0.5),
+            ..link(2, 0)
+        },
+        LinkOverride {
+            delay_s: Some(0.15),
+            ..link(3, 4)
+        },
+    ];
+    let watch = |fleet: &Fleet| {
+        // v2 never hears v1; v1 hears v2, which cannot echo, so that its clock is unknown.
+        let deaf = fleet.health(1).unwrap().neighbours.get("v1");
+        assert!(deaf.is_none_or(|health| health.fused == 0 && !health.present));
+        let unanswered = &fleet.health(0).unwrap().neighbours["v2"];
+        assert_eq!((unanswered.fused, unanswered.echoes), (0, 0));
+        assert!(unanswered.refused.contains_key("clock_unknown"));
+        // Half of what v3 says to v1 is lost, nothing of what v1 says to v3.
+        let (there, back) = (fleet.radio().count(0, 2), fleet.radio().count(2, 0));
+        assert!(there.lost == 0 && back.lost > 50, "{there:?} {back:?}");
+        // A way of 150 ms and one of none: the offset is off by half of that, and says so.
+        let health = &fleet.health(3).unwrap().neighbours["v5"];
+        let (offset_s, error_s) = (health.clock_offset_s, health.clock_error_s);
+        assert!(offset_s.unwrap().abs() <= error_s.unwrap(), "{health:?}");
+    };
+    let star = fly_watched(&scenario, Mode::default(), watch);
+    let paper = fly(&scenario, Mode::Paper);
+    println!("asymmetric links: {}; paper {}", star.line(), paper.line());
+    star.at_most_of_odometry(OF_ODOMETRY).quarantines_nobody();
+}
+
+#[test]
+fn two_parts_of_a_team_find_together_again_as_if_they_believed_everything() {
+    let mut scenario = section_v();
+    scenario.radio.partitions = vec![Partition {
+        from_s: 6.0,
+        to_s: 14.0,
+        groups: vec![vec![0, 1], vec![2, 3, 4]],
+    }];
+    let (star, _) = both("partition", &scenario);
+    let believing = fly(&scenario, Method::StarWithoutKernel.mode());
+    star.at_most_times(1.1, &believing)
+        .at_most_of_odometry(2.0 * OF_ODOMETRY)
+        .quarantines_nobody();
+    let mut fleet = Fleet::with_configs(&scenario, 0, in_mode(Mode::default()));
+    fleet.run_until(nanos(12.0));
+    let present = |fleet: &Fleet, of: &str| fleet.health(0).unwrap().neighbours[of].present;
+    let seen = ["v2", "v3", "v4", "v5"].map(|of| present(&fleet, of));
+    assert_eq!(seen, [true, false, false, false]);
+    fleet.run_until(nanos(20.0));
+    assert!(neighbours(&fleet).all(|health| health.present));
+}
+
+#[test]
+fn a_channel_that_is_too_narrow_drops_packets_and_the_team_holds() {
+    let mut scenario = section_v();
+    // Less than half of what a link would carry.
+    scenario.radio.rate_limit = Some(RateLimit {
+        bytes_per_s: 1_500.0,
+        bucket_bytes: 1_500.0,
+        queue_bytes: 0.0,
+    });
+    let watch = |fleet: &Fleet| {
+        let total = fleet.radio().total();
+        let share = total.rate_limited as f64 / total.sent as f64;
+        assert!((0.1..0.9).contains(&share), "{total:?}");
+    };
+    let star = fly_watched(&scenario, Mode::default(), watch);
+    let paper = fly(&scenario, Mode::Paper);
+    println!("rate limit: {}; paper {}", star.line(), paper.line());
+    star.at_most_of_odometry(OF_ODOMETRY).quarantines_nobody();
+}
+
+#[test]
+fn clocks_that_are_anywhere_within_an_hour_are_found_out_and_cost_little() {
+    let mut scenario = section_v();
+    scenario.clocks.ahead_s_max = 3_600.0;
+    scenario.radio.delay_s = 0.02;
+    let watch = |fleet: &Fleet| {
+        let ahead_s = |v| fleet.stage().clock_ahead_ns(v) as f64 * 1e-9;
+        for (vehicle, other) in (0..5).flat_map(|v| (0..5).map(move |other| (v, other))) {
+            let of = fleet.stage().name(other);
+            let Some(health) = fleet.health(vehicle).unwrap().neighbours.get(of.as_str()) else {
+                continue;
+            };
+            let error_s = health.clock_offset_s.unwrap() - (ahead_s(other) - ahead_s(vehicle));
+            assert!(error_s.abs() <= health.clock_error_s.unwrap(), "{health:?}");
+        }
+    };
+    let star = fly_watched(&scenario, Mode::default(), watch);
+    let paper = fly(&scenario, Mode::Paper);
+    println!("clocks: {}; paper {}", star.line(), paper.line());
+    star.at_most_of_odometry(OF_ODOMETRY).quarantines_nobody();
+}
+
+#[test]
+fn a_vehicle_that_nobody_hears_flies_on_by_odometry_and_the_others_do_without_it() {
+    let mut scenario = section_v();
+    scenario.radio.silences = vec![Silence {
+        from_s: -10.0,
+        to_s: 30.0,
+        vehicles: vec![4],
+    }];
+    for mode in [Mode::default(), Mode::Paper] {
+        let flight = |sample| {
+            let mut fleet = Fleet::with_configs(&scenario, sample, in_mode(mode));
+            let flight = land(&mut fleet, sample, &[0, 1, 2, 3], |world| world);
+            let alone = fleet.health(4).unwrap();
+            assert_eq!(alone.status, Status::Alone, "{alone:?}");
+            assert_eq!(alone.rounds.solved, 0);
+            for other in 0..4 {
+                let health = fleet.health(other).unwrap();
+                let missed = health.neighbours.get("v5");
+                assert!(missed.is_none_or(|health| !health.present && health.fused == 0));
+            }
+            let silenced = |from, to| fleet.radio().count(from, to).silenced;
+            assert!((0..4).all(|other| silenced(4, other) > 50 && silenced(other, 4) > 20));
+            flight
+        };
+        let four = Flights((0..SAMPLES).into_par_iter().map(flight).collect());
+        println!(
+            "v5 is silent, the others in {}: {}",
+            mode.name(),
+            four.line()
+        );
+        if mode == Mode::default() {
+            four.at_most_of_odometry(OF_ODOMETRY).quarantines_nobody();
+        }
+    }
+}
+
+/// v3 is the liar of these stories, from 6 s on; at 12 s it is right again.
+const LIAR: usize = 2;
+const HONEST: [usize; 4] = [0, 1, 3, 4];
+const LIES_S: std::ops::Range<f64> = 6.0..12.0;
+
+/// What the honest ones say of v3.
+fn of_the_liar<S: Stage>(fleet: &Fleet<S>) -> Vec<NeighbourHealth> {
+    let health = |vehicle: &usize| fleet.health(*vehicle).unwrap().neighbours["v3"].clone();
+    HONEST.iter().map(health).collect()
+}
+
+fn quarantines_of_the_honest<S: Stage>(fleet: &Fleet<S>) -> u64 {
+    let of = |vehicle: &usize| {
+        let others = fleet.health(*vehicle).unwrap().neighbours.iter();
+        let honest = others.filter(|(name, _)| name.as_str() != "v3");
+        honest.map(|(_, health)| health.quarantines).sum::<u64>()
+    };
+    HONEST.iter().map(of).sum()
+}
+
+/// Tells the story of one liar in one mode. `mend` is what ends it.
+fn liar(
+    story: &str,
+    mode: Mode,
+    lie: impl Fn(usize, i64, &mut Vec<Delivery>) + Sync,
+    mend: impl Fn(&World, i64) -> Option<Input> + Sync,
+) {
+    let scenario = section_v();
+    let flight = |sample| {
+        let lies = |_: &World, vehicle, instant_ns, deliveries: &mut Vec<Delivery>| {
+            lie(vehicle, instant_ns, deliveries);
+        };
+        let mut fleet = altered(&scenario, sample, in_mode(mode), lies);
+        let mended_ns = nanos(LIES_S.end) + PERIOD_NS / 2;
+        fleet.run_until(mended_ns);
+        let before = of_the_liar(&fleet);
+        if let Some(input) = mend(&fleet.stage().world, mended_ns) {
+            fleet.give(LIAR, input);
+        }
+        let flight = land(&mut fleet, sample, &HONEST, |stage| &stage.world);
+        (
+            flight,
+            before,
+            of_the_liar(&fleet),
+            quarantines_of_the_honest(&fleet),
+        )
+    };
+    let told: Vec<_> = (0..SAMPLES).into_par_iter().map(flight).collect();
+    let count =
+        |of: &dyn Fn(&(Flight, Vec<NeighbourHealth>, Vec<NeighbourHealth>, u64)) -> usize| {
+            told.iter().map(of).sum::<usize>()
+        };
+    let pairs = 4 * told.len();
+    let caught = count(&|(_, before, ..)| before.iter().filter(|h| h.quarantines > 0).count());
+    let still = count(&|(_, _, after, _)| after.iter().filter(|h| h.quarantined).count());
+    let honest = count(&|(.., honest)| usize::try_from(*honest).unwrap());
+    let flights = Flights(told.into_iter().map(|(flight, ..)| flight).collect());
+    println!(
+        "{story}, {}: the others {}; {caught} of {pairs} quarantined it, {still} still do; {honest} honest ones",
+        mode.name(),
+        flights.line()
+    );
+    if mode == Mode::Paper {
+        return;
+    }
+    flights
+        .at_most_of_odometry(OF_ODOMETRY)
+        .names("quarantined");
+    assert_eq!(honest, 0, "nobody is quarantined for the lies of another");
+    // Who did not see it in those six seconds cannot know; who did not see it since cannot know better.
+    assert!(4 * caught >= 3 * pairs, "{caught} of {pairs}");
+    assert!(10 * still <= pairs, "{still} of {pairs}");
+}
+
+#[test]
+fn a_vehicle_whose_odometry_jumps_is_quarantined_and_readmitted_when_it_is_told_where_it_is() {
+    let jumps = |vehicle: usize, instant_ns: i64, deliveries: &mut Vec<Delivery>| {
+        for delivery in deliveries {
+            if let Frame::Odometry(frame) = &mut delivery.frame
+                && vehicle == LIAR
+                && instant_ns == nanos(LIES_S.start)
+            {
+                frame.motion[3] += 8.0;
+            }
+        }
+    };
+    let told = |world: &World, now_ns: i64| {
+        // Its newest odometry is of the last round.
+        let newest_ns = now_ns.div_euclid(PERIOD_NS) * PERIOD_NS;
+        Some(Input::SetPose {
+            world_from_body: numbers(&world.pose(LIAR, newest_ns)),
+        })
+    };
+    for mode in [Mode::default(), Mode::Paper] {
+        liar("odometry jumps by 8 m", mode, jumps, told);
+    }
+}
+
+#[test]
+fn a_vehicle_that_only_speaks_and_speaks_nonsense_is_quarantined_until_its_sensor_is_right_again() {
+    let displaced = |vehicle: usize, instant_ns: i64, deliveries: &mut Vec<Delivery>| {
+        let lies = (nanos(LIES_S.start)..nanos(LIES_S.end)).contains(&instant_ns);
+        deliveries.retain_mut(|delivery| {
+            let Frame::Relative(frame) = &mut delivery.frame else {
+                return true;
+            };
+            if let RelativeValue::Pose {
+                sensor_from_target, ..
+            } = &mut frame.value
+                && vehicle == LIAR
+                && lies
+            {
+                sensor_from_target[4] += 4.0;
+            }
+            // Nobody sees it: what it says of others is all that is known of it.
+            frame.target != name("v3")
+        });
+    };
+    for mode in [Mode::default(), Mode::Paper] {
+        liar(
+            "measures 4 m too far to the left",
+            mode,
+            displaced,
+            |_, _| None,
+        );
+    }
+}
