@@ -40,6 +40,16 @@ fn gathered(agents: &[Agent]) {
     });
 }
 
+/// Whether a vehicle has a status; if not, its health says why.
+fn assert_status(agent: &Agent, wanted: Status) {
+    let estimate = agent.latest_estimate().unwrap();
+    let health = agent.latest_health().unwrap();
+    assert_eq!(
+        estimate.document.status, wanted,
+        "{estimate:#?} {health:#?}"
+    );
+}
+
 /// v1 hears of v2 and v3 again: how long until its estimate was corrected by them, and until its health tells so.
 fn reunited(first: &Agent, before: [(u64, u64); 2], healed: Since) -> (Duration, Duration) {
     until("v1 is corrected again", || {
@@ -81,10 +91,10 @@ fn a_vehicle_cut_off_by_its_radio_says_so_within_the_lease_and_a_second_and_is_b
         status(&agents[0]) == Some(Status::Alone)
     });
     // Then: the other two still have each other.
-    assert_eq!(status(&agents[1]), Some(Status::Tracking));
+    assert_status(&agents[1], Status::Tracking);
     std::thread::sleep(2 * SECOND);
-    assert_eq!(status(&agents[0]), Some(Status::Alone));
-    assert_eq!(status(&agents[2]), Some(Status::Tracking));
+    assert_status(&agents[0], Status::Alone);
+    assert_status(&agents[2], Status::Tracking);
 
     let before = ["v2", "v3"].map(|of| exchanged(&agents[0], of));
     let healed = Since::now();
@@ -257,10 +267,10 @@ fn a_vehicle_behind_a_cut_cable_says_so_and_three_seconds_after_it_is_mended_it_
         let health = agents[0].latest_health().unwrap();
         health.process.as_ref().is_some_and(|p| p.peers == 0)
     });
-    assert_eq!(status(&agents[1]), Some(Status::Tracking));
+    assert_status(&agents[1], Status::Tracking);
     // Long enough for v1 to dial in vain.
     std::thread::sleep(3 * SECOND);
-    assert_eq!(status(&agents[0]), Some(Status::Alone));
+    assert_status(&agents[0], Status::Alone);
 
     let before = ["v2", "v3"].map(|of| exchanged(&agents[0], of));
     let healed = Since::now();
