@@ -3,6 +3,7 @@
 //! - `architecture`: who may depend on whom, asked of Cargo;
 //! - `tidy`: house rules that no compiler checks, and documents that name only what is there;
 //! - `fleet_stories`: what becomes of a fleet in virtual time when radios, clocks, sensors and processes fail;
+//! - `faults`: every fault of section V, and how far off it leaves a team in the default mode;
 //! - `restarts`: vehicles that lose their pose and get it back;
 //! - `deploy`: the unit file, the compose file and every example configuration fit the programs;
 //! - `python_client`: a client in another language reads, decodes and drives, over real Zenoh.
