@@ -63,6 +63,11 @@ fn the_commands_for_a_test_bed_and_for_research_work() {
                 let text = run(&command, &["--duration", "4"], &folder);
                 assert!(text.contains("tracking"), "{text}");
             }
+            "experiment" if words[1] == "modes" => {
+                let text = run(&command, &["--samples", "2"], &folder);
+                assert!(text.contains("asked of the default mode"), "{text}");
+                assert!(folder.join("out/modes/modes.svg").exists());
+            }
             "experiment" => {
                 let plain = command.replace("--samples 100 ", "");
                 let text = run(&plain, &["--samples", "4"], &folder);
