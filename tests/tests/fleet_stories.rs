@@ -4,6 +4,7 @@
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use skein_estimation::Transform;
+use skein_estimation::cooperative::Mode;
 use skein_estimation::time::{Span, Stamp};
 use skein_proto::codec;
 use skein_proto::document::NeighbourHealth;
@@ -125,23 +126,39 @@ fn paired_ratio(pairs: &[(f64, f64)]) -> (f64, f64) {
 }
 
 #[test]
-fn readings_that_are_late_mounted_and_out_of_phase_cost_robot_1_less_than_15_percent() {
+fn readings_that_are_late_mounted_and_out_of_phase_cost_robot_1_less_than_15_percent_of_the_papers_error()
+ {
     let (plain, mounted) = (built_in("section-v"), built_in("section-v-mounted"));
-    let pairs: Vec<(f64, f64)> = (0..200)
+    let fly = |scenario: &Scenario, sample, mode| {
+        let in_mode = |_, config| Config { mode, ..config };
+        mean_square_m2(Fleet::with_configs(scenario, sample, in_mode))
+    };
+    let flown: Vec<[f64; 4]> = (0..200)
         .into_par_iter()
         .map(|sample| {
-            (
-                mean_square_m2(Fleet::new(&plain, sample)),
-                mean_square_m2(Fleet::new(&mounted, sample)),
-            )
+            [
+                fly(&plain, sample, Mode::Paper),
+                fly(&mounted, sample, Mode::Paper),
+                fly(&plain, sample, Mode::default()),
+                fly(&mounted, sample, Mode::default()),
+            ]
         })
         .collect();
-    let (ratio, stderr) = paired_ratio(&pairs);
+    let ratio = |one: usize, other: usize| {
+        let pairs: Vec<(f64, f64)> = flown.iter().map(|of| (of[one], of[other])).collect();
+        paired_ratio(&pairs)
+    };
+    let ((paper, stderr), (default, default_stderr), (against, _)) =
+        (ratio(0, 1), ratio(2, 3), ratio(1, 3));
     eprintln!(
-        "{} samples: mounted / plain RMSE = {ratio:.3} +- {stderr:.3}",
-        pairs.len()
+        "{} samples: mounted / plain RMSE = {paper:.3} +- {stderr:.3}; in the default mode {default:.3} +- \
+         {default_stderr:.3}, where it is {against:.3} of the paper's",
+        flown.len()
     );
-    assert!(ratio < 1.15, "{ratio} +- {stderr}");
+    assert!(paper < 1.15, "{paper} +- {stderr}");
+    // The default mode has less error to begin with, of which delay and distance take a larger part.
+    assert!(default < 1.4, "{default} +- {default_stderr}");
+    assert!(against < 1.0, "{against}");
 }
 
 #[test]
