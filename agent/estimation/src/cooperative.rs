@@ -23,6 +23,8 @@ pub mod graph;
 
 pub mod batch;
 
+pub mod team;
+
 mod block;
 mod refusal;
 
@@ -36,3 +38,4 @@ pub use mode::{AnchorWeight, Mode, Robust, Weighting};
 pub use optimise::{Degeneracy, Descent, GaussNewton, Optimiser, Progress, SolveStatus};
 pub use refusal::Refusal;
 pub use star::{Judgement, NeighbourIndex, Solution, Star, StarWorkspace, Tie, Verdict};
+pub use team::Team;

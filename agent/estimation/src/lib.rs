@@ -12,6 +12,8 @@ pub mod transform;
 
 pub mod odometry;
 
+pub mod vehicle_id;
+
 pub mod cooperative;
 
 #[cfg(test)]
@@ -19,3 +21,4 @@ mod lie_laws;
 
 pub use time::{Span, Stamp};
 pub use transform::{Body, Odometry, Sensor, Transform, TransformError, World};
+pub use vehicle_id::VehicleId;

@@ -96,7 +96,7 @@ pub fn fly(world: &mut World, optimiser: &Optimiser) -> Result<Vec<Vec<Pose>>, N
     Ok(flown)
 }
 
-fn measurement(value: &RelativeValue) -> Result<(Measurement, Noise), Refusal> {
+pub(super) fn measurement(value: &RelativeValue) -> Result<(Measurement, Noise), Refusal> {
     let rotation = |vector: &[f64; 3]| so3::exp(&Vector3::from(*vector));
     Ok(match value {
         RelativeValue::Pose {

@@ -104,6 +104,40 @@ impl Growth {
         }
     }
 
+    /// What was gathered since `earlier`: the covariance of the motion between.
+    #[must_use]
+    pub fn since(&self, earlier: &Self) -> Self {
+        Self {
+            rotation: self.rotation - earlier.rotation,
+            lever: self.lever - earlier.lever,
+            lever_square: self.lever_square - earlier.lever_square,
+            translation: self.translation - earlier.translation,
+        }
+    }
+
+    /// The same in axes of the odometry frame with their origin at `origin` (m, odometry frame).
+    #[must_use]
+    pub fn about(&self, origin: &Vector3<f64>) -> Self {
+        let crossed = origin * self.lever.transpose();
+        Self {
+            lever: self.lever - origin * self.rotation,
+            lever_square: self.lever_square - crossed - crossed.transpose()
+                + origin * origin.transpose() * self.rotation,
+            ..*self
+        }
+    }
+
+    /// The variances of rotation and of translation increments so many times as large.
+    #[must_use]
+    pub fn scaled(&self, rotation: f64, translation: f64) -> Self {
+        Self {
+            rotation: self.rotation * rotation,
+            lever: self.lever * rotation,
+            lever_square: self.lever_square * rotation,
+            translation: self.translation * translation,
+        }
+    }
+
     /// The 6 x 6 covariance of a world-side twist (rotation first) in the odometry frame.
     #[must_use]
     pub fn covariance(&self) -> Matrix6<f64> {
@@ -168,5 +202,15 @@ mod tests {
             reference += adjoint * noise * adjoint.transpose();
         }
         assert!((growth.covariance() - reference).norm() < 1e-12);
+
+        let origin = pose.translation;
+        let mut shift = Matrix6::identity();
+        shift
+            .fixed_view_mut::<3, 3>(3, 0)
+            .copy_from(&so3::hat(&-origin));
+        let about = growth.about(&origin).covariance();
+        assert!((about - shift * reference * shift.transpose()).norm() < 1e-12);
+        let doubled = growth.scaled(4.0, 4.0).since(&growth).covariance();
+        assert!((doubled - reference * 3.0).norm() < 1e-12);
     }
 }

@@ -1,0 +1,528 @@
+//! The team estimator: everybody's raw odometry and raw measurements, smoothed jointly over a short window, each piece
+//! of information counted once.
+//!
+//! Exchanging estimates counts information twice; exchanging what was measured does not. So each vehicle smooths, by
+//! itself, the joint graph of what it heard: a pose of each vehicle at each round of the window and the last pose of
+//! everybody ever heard, with four odometry biases a vehicle. What leaves the window is kept as a [`prior`], linear in a
+//! world twist.
+//!
+//! In reading order: [`settings`], the two factors ([`stretch`] of odometry, [`measured_edge`]), the [`prior`], the
+//! [`window`] that holds them, its normal equations ([`normal`], [`skyline`]), and the round ([`Team::solve`]): what has
+//! left is marginalised, what is new is gated, Gauss-Newton over everything, then the noise scales and the doubts.
+//!
+//! The tangent here is a world twist `T <- exp(xi) T`, `xi = (w, v)`, rotation first, not the SO(3) x R^3 of the star.
+
+pub mod settings;
+
+mod biases;
+mod doubt;
+mod measured_edge;
+mod noise_scales;
+mod normal;
+mod prior;
+mod report;
+mod skyline;
+mod stretch;
+mod window;
+
+use nalgebra::{Matrix6, Vector3};
+
+use self::doubt::Remedy;
+use self::measured_edge::{Linear, degrees_of_freedom};
+use self::normal::{Normal, NotDetermined};
+use self::window::Window;
+use super::measurement::{Kind, Measurement, Noise};
+use crate::odometry::OdometryPoint;
+use crate::time::{Span, Stamp};
+use crate::{Body, Sensor, Transform, VehicleId, World, se3};
+
+pub use self::noise_scales::{NoiseScales, ScalePair};
+pub use self::report::{MemberReport, Report, Statistics, Verdict};
+pub use self::settings::Settings;
+
+/// A vehicle at one instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Moment {
+    /// Which.
+    pub vehicle: VehicleId,
+    /// When, on the clock of whoever estimates: it says what is in the window.
+    pub instant: Stamp,
+    /// What its odometry says, on its own clock.
+    pub point: OdometryPoint,
+}
+
+/// What was measured between two moments, each end in the body frame of its moment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Observation {
+    /// What was measured.
+    pub measurement: Measurement,
+    /// With which noise.
+    pub noise: Noise,
+    /// The measuring end; of an absolute fix, that of the world.
+    pub from_end: Transform<Body, Sensor>,
+    /// The measured end.
+    pub to_end: Transform<Body, Sensor>,
+}
+
+/// Why a piece of information was not taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum Unused {
+    /// It is older than what the window still holds of the vehicle.
+    #[error("older than the window")]
+    TooLate,
+    /// Nobody knows yet where the vehicle is.
+    #[error("the vehicle is not located yet")]
+    Unlocated,
+    /// It was counted before.
+    #[error("counted before")]
+    Counted,
+    /// Its ends are not among the nearest vehicles.
+    #[error("beyond the nearest vehicles")]
+    LeftOut,
+    /// Its sender is in quarantine; it was tested.
+    #[error("measured by a vehicle in quarantine")]
+    Quarantined,
+    /// A bound is reached.
+    #[error("no room")]
+    Full,
+    /// Both ends are of one vehicle.
+    #[error("both ends are of one vehicle")]
+    SameVehicle,
+    /// Odometry was interrupted since the vehicle was last heard.
+    #[error("odometry was interrupted")]
+    Interrupted,
+    /// Its numbers are no measurement.
+    #[error("not a measurement")]
+    Unusable,
+}
+
+/// A pose with its covariance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PoseEstimate {
+    /// When, on the clock of whoever estimates.
+    pub instant: Stamp,
+    /// The odometry of that moment.
+    pub point: OdometryPoint,
+    /// Where.
+    pub world_from_body: Transform<World, Body>,
+    /// Of a twist on the body's side, `pose * exp(twist)`, rotation first (rad, m).
+    pub covariance: Matrix6<f64>,
+}
+
+/// Where a vehicle is as seen from this one, with its covariance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RelativeEstimate {
+    /// When the other one was there, on the clock of whoever estimates.
+    pub instant: Stamp,
+    /// `body_from_neighbour`, of the last pose of each.
+    pub body_from_neighbour: Transform<Body, Body>,
+    /// Of a twist on the neighbour's side, `pose * exp(twist)`, rotation first (rad, m).
+    pub covariance: Matrix6<f64>,
+}
+
+/// The estimator of one vehicle.
+#[derive(Clone, Debug)]
+pub struct Team {
+    window: Window,
+    scales: NoiseScales,
+    normal: Normal,
+    rounds: u32,
+    statistics: Statistics,
+}
+
+impl Team {
+    /// The estimator of a vehicle whose rounds follow each other so.
+    #[must_use]
+    pub fn new(own: VehicleId, period: Span, settings: Settings) -> Self {
+        Self {
+            window: Window::new(own, period, settings),
+            scales: NoiseScales::default(),
+            normal: Normal::default(),
+            rounds: 0,
+            statistics: Statistics::default(),
+        }
+    }
+
+    /// Where a vehicle is known to have started, with standard deviations in its own axes (rad, m).
+    ///
+    /// # Errors
+    /// [`Unused`] when it is located already, or when odometry has made the start worthless since (`now`).
+    pub fn start(
+        &mut self,
+        at: &Moment,
+        now: &Moment,
+        world_from_body: &Transform<World, Body>,
+        rotation_rad: f64,
+        translation_m: f64,
+    ) -> Result<(), Unused> {
+        self.window
+            .start(at, now, world_from_body, (rotation_rad, translation_m))
+    }
+
+    /// Where to look for a vehicle of which nothing is known: where the search begins, and no information.
+    ///
+    /// # Errors
+    /// [`Unused`] when it is located already.
+    pub fn place(
+        &mut self,
+        at: &Moment,
+        world_from_body: &Transform<World, Body>,
+    ) -> Result<(), Unused> {
+        self.window.place(at, world_from_body)
+    }
+
+    /// A vehicle was there, by its odometry.
+    ///
+    /// # Errors
+    /// [`Unused`] says why it is of no use.
+    pub fn heard(&mut self, moment: &Moment) -> Result<(), Unused> {
+        self.window.pose_of(moment).map(|_| ())
+    }
+
+    /// One vehicle measured another. A pose locates whichever is not located yet.
+    ///
+    /// # Errors
+    /// [`Unused`] says why it is not used.
+    pub fn measured(
+        &mut self,
+        from: &Moment,
+        to: &Moment,
+        observation: &Observation,
+    ) -> Result<(), Unused> {
+        let outcome = self.window.measured(from, to, observation);
+        self.statistics.left_out += u64::from(outcome == Err(Unused::LeftOut));
+        outcome
+    }
+
+    /// A vehicle was somewhere in the world, by a fix that is the `nth` of its kind at that moment.
+    ///
+    /// # Errors
+    /// [`Unused`] says why it is not used.
+    pub fn fixed(&mut self, at: &Moment, nth: u8, observation: &Observation) -> Result<(), Unused> {
+        self.window.fixed(at, nth, observation)
+    }
+
+    /// A vehicle began anew: what is known of where it was holds no more for where it is.
+    pub fn forget(&mut self, vehicle: VehicleId) {
+        self.window.forget(vehicle, &self.scales);
+    }
+
+    /// Whether a vehicle is somewhere in the window.
+    #[must_use]
+    pub fn is_located(&self, vehicle: VehicleId) -> bool {
+        self.window.members.contains_key(&vehicle)
+    }
+
+    /// The last pose of this vehicle and its covariance, by the last round.
+    #[must_use]
+    pub fn own(&self) -> Option<&PoseEstimate> {
+        self.window.own_estimate.as_ref()
+    }
+
+    /// The last pose of another vehicle as seen from this one, by the last round.
+    #[must_use]
+    pub fn relative(&self, vehicle: VehicleId) -> Option<&RelativeEstimate> {
+        self.window.members.get(&vehicle)?.relative.as_ref()
+    }
+
+    /// Where another vehicle's last pose is in the world, without covariance.
+    #[must_use]
+    pub fn world_from(&self, vehicle: VehicleId) -> Option<(Stamp, Transform<World, Body>)> {
+        let pose = self.window.newest_of(vehicle)?;
+        Some((
+            pose.instant,
+            self.window.in_the_world(&pose.world_from_body),
+        ))
+    }
+
+    /// The noise scales.
+    #[must_use]
+    pub const fn scales(&self) -> &NoiseScales {
+        &self.scales
+    }
+
+    /// What was counted, and how large the window is.
+    #[must_use]
+    pub fn statistics(&self) -> Statistics {
+        Statistics {
+            lag_rounds: u64::from(self.window.lag()),
+            poses: self.window.poses.len() as u64,
+            members: self.window.members.len() as u64,
+            edges: self.window.edges.len() as u64,
+            evicted: self.window.evicted,
+            ..self.statistics
+        }
+    }
+
+    /// What is thought of a vehicle.
+    #[must_use]
+    pub fn member(&self, vehicle: VehicleId) -> Option<MemberReport> {
+        let member = self.window.members.get(&vehicle)?;
+        Some(MemberReport {
+            quarantined: member.doubt.is_quarantined,
+            doubted_share: member.doubt.share(),
+            odometry_ratio: member.odometry.ratio(),
+            odometry_lies: member.odometry.lies,
+            gyro_bias_rad_s: member.biases.value.fixed_rows::<3>(0).into(),
+            odometer_scale: member.biases.value[3],
+        })
+    }
+
+    /// Solves a round with everything that was heard since the last one.
+    pub fn solve(&mut self) -> Report {
+        self.rounds = self.rounds.saturating_add(1);
+        self.window.recentre();
+        self.window.marginalise(&self.scales);
+        self.window.wander();
+        let mut report = Report::default();
+        let solved = self.gauss_newton(&mut report);
+        self.window.end_round();
+        if solved.is_err() {
+            report.undetermined = true;
+            self.statistics.undetermined += 1;
+        }
+        report
+    }
+
+    fn gauss_newton(&mut self, report: &mut Report) -> Result<(), NotDetermined> {
+        let window = &mut self.window;
+        if window.poses.is_empty() {
+            return Ok(());
+        }
+        let before: Vec<Transform<World, Body>> = window
+            .poses
+            .iter()
+            .map(|pose| pose.world_from_body)
+            .collect();
+        let biases_before = window.biases();
+        window.weigh_edges(
+            &self.scales,
+            self.rounds > window.settings.settling_rounds,
+            true,
+        );
+        self.normal
+            .assemble(window, &self.scales, |edge| !edge.is_new);
+        self.normal.factor()?;
+        self.gate();
+        let mut iteration = 0;
+        let outcome = loop {
+            let window = &mut self.window;
+            let settled = self.rounds > window.settings.settling_rounds;
+            window.weigh_edges(&self.scales, settled, iteration == 0);
+            self.normal.assemble(window, &self.scales, |_| true);
+            if let Err(why) = self.normal.factor() {
+                break Err(why);
+            }
+            let largest = self.normal.step(window);
+            iteration += 1;
+            if !largest.is_finite() {
+                break Err(NotDetermined);
+            }
+            if iteration >= window.settings.iterations
+                || (iteration > 1 && largest < normal::STEP_NEGLIGIBLE)
+            {
+                break Ok(());
+            }
+        };
+        if outcome.is_err() || !self.window.is_finite() {
+            self.window.restore(&before, &biases_before);
+            return Err(NotDetermined);
+        }
+        self.take_stock(report);
+        self.estimate();
+        Ok(())
+    }
+
+    /// Gates what is new by its innovation: `S = J P J^T + I`, `d^2 = r^T S^-1 r`.
+    fn gate(&mut self) {
+        let window = &mut self.window;
+        let mut tested = std::mem::take(&mut window.tested);
+        let mut edges = std::mem::take(&mut window.edges);
+        for edge in edges
+            .iter_mut()
+            .filter(|edge| edge.is_new)
+            .chain(&mut tested)
+        {
+            let linear = window.linearise(edge, &self.scales);
+            let spread = self.normal.covariance_of(window, edge, &linear.twist);
+            let innovation = (spread + Matrix6::identity()).cholesky();
+            let square = innovation.map_or(f64::INFINITY, |innovation| {
+                linear.residual.dot(&innovation.solve(&linear.residual))
+            });
+            let limit = window.settings.gate * edge.degrees_of_freedom() / 6.0;
+            // What is not a number fails.
+            edge.failed_gate = square.is_nan() || square > limit;
+        }
+        window.edges = edges;
+        window.tested = tested;
+    }
+
+    /// What is left over: verdicts, noise scales, doubts.
+    fn take_stock(&mut self, report: &mut Report) {
+        let settled = self.rounds > self.window.settings.settling_rounds;
+        self.window.weigh_edges(&self.scales, settled, false);
+        let mut scales = self.scales;
+        let window = &self.window;
+        for edge in window.edges.iter().filter(|edge| edge.is_new) {
+            let linear = window.linearise(edge, &self.scales);
+            report.verdicts.push(Verdict {
+                by: edge.by,
+                of: edge.of,
+                kind: edge.measurement.kind(),
+                is_fix: edge.from.is_none(),
+                accepted: edge.weight >= 0.5,
+                failed_gate: edge.failed_gate,
+            });
+            self.statistics.edges_total += 1;
+            self.statistics.gated_total += u64::from(edge.failed_gate);
+            if edge.failed_gate {
+                continue;
+            }
+            let spread = self.normal.covariance_of(window, edge, &linear.twist);
+            let (angles, lengths) = halves(&linear, &spread, edge.weight);
+            let (rotation, translation) = degrees_of_freedom(edge.measurement.kind());
+            if rotation > 0.0 {
+                scales
+                    .measurement
+                    .rotation
+                    .note(angles.0, rotation - angles.1);
+            }
+            if translation > 0.0 {
+                scales
+                    .measurement
+                    .translation
+                    .note(lengths.0, translation - lengths.1);
+            }
+        }
+        let ratios = self
+            .normal
+            .judge_odometry(window, &self.scales, &mut scales);
+        scales.end_round();
+        self.scales = scales;
+        let variances = self.normal.bias_variances();
+        self.window.judge_biases(&variances);
+        self.doubt(&ratios);
+    }
+
+    /// Updates doubts: odometry first, as a vehicle whose odometry lies looks like one whose measurements do.
+    fn doubt(&mut self, odometry: &[(VehicleId, f64, f64)]) {
+        let window = &mut self.window;
+        for (vehicle, squares, expected) in odometry {
+            if let Some(member) = window.members.get_mut(vehicle) {
+                member.odometry.note(*squares, *expected);
+            }
+        }
+        let largest = window
+            .members
+            .values()
+            .map(|member| member.odometry.ratio())
+            .fold(0.0, f64::max);
+        let mut biased = Vec::new();
+        let mut suspicious = false;
+        for (vehicle, member) in &mut window.members {
+            let is_largest = member.odometry.ratio() >= largest;
+            match member.odometry.judge(is_largest) {
+                Remedy::NewBiases => biased.push(*vehicle),
+                Remedy::None | Remedy::Disbelieve | Remedy::Believe => {}
+            }
+            suspicious |= member.odometry.is_under_suspicion();
+        }
+        for vehicle in biased {
+            window.free_biases(vehicle);
+        }
+        let mut counts: std::collections::BTreeMap<VehicleId, (u32, u32)> = Default::default();
+        let new = window.edges.iter().filter(|edge| edge.is_new);
+        for edge in new.filter(|edge| edge.from.is_some()) {
+            let count = counts.entry(edge.by).or_default();
+            count.0 += u32::from(edge.weight < 0.5);
+            count.1 += 1;
+        }
+        for edge in &window.tested {
+            let count = counts.entry(edge.by).or_default();
+            count.0 += u32::from(edge.failed_gate);
+            count.1 += 1;
+        }
+        for (vehicle, (bad, all)) in counts {
+            if let Some(member) = window.members.get_mut(&vehicle) {
+                member.doubt.note(bad, all);
+            }
+        }
+        if suspicious || self.rounds <= window.settings.settling_rounds {
+            return;
+        }
+        let trusted = |window: &Window| {
+            let members = window.members.values();
+            members.filter(|member| member.doubt.is_trusted()).count()
+        };
+        let doubted = window
+            .members
+            .values()
+            .filter(|member| member.doubt.is_doubted())
+            .count();
+        let witnesses = trusted(window);
+        if witnesses > doubted {
+            for member in window.members.values_mut() {
+                if member.doubt.is_doubted() {
+                    member.doubt.quarantine();
+                    self.statistics.quarantines += 1;
+                }
+            }
+        }
+    }
+
+    /// The estimates that are told, with their covariances.
+    fn estimate(&mut self) {
+        let window = &self.window;
+        let Some(own_at) = window.newest_index_of(window.own) else {
+            self.window.own_estimate = None;
+            return;
+        };
+        let own = &window.poses[own_at];
+        let to_body = se3::adjoint(&own.world_from_body.inverse());
+        let covariance = self.normal.covariance_between(None, own_at, &to_body);
+        let estimate = PoseEstimate {
+            instant: own.instant,
+            point: own.point,
+            world_from_body: window.in_the_world(&own.world_from_body),
+            covariance,
+        };
+        let mut relatives = Vec::new();
+        for vehicle in window.members.keys().copied() {
+            let Some(at) = window.newest_index_of(vehicle).filter(|at| *at != own_at) else {
+                continue;
+            };
+            let pose = &window.poses[at];
+            let present = own.instant - pose.instant <= window.period * window::PRESENT_ROUNDS;
+            let relative = present.then(|| {
+                let to_body = se3::adjoint(&pose.world_from_body.inverse());
+                RelativeEstimate {
+                    instant: pose.instant,
+                    body_from_neighbour: own.world_from_body.inverse() * pose.world_from_body,
+                    covariance: self.normal.covariance_between(Some(own_at), at, &to_body),
+                }
+            });
+            relatives.push((vehicle, relative));
+        }
+        for (vehicle, relative) in relatives {
+            if let Some(member) = self.window.members.get_mut(&vehicle) {
+                member.relative = relative;
+            }
+        }
+        self.window.own_estimate = Some(estimate);
+    }
+}
+
+/// Squares and spread of the first three rows, and of the last three, each by the edge's weight.
+fn halves(linear: &Linear, spread: &Matrix6<f64>, weight: f64) -> ((f64, f64), (f64, f64)) {
+    let half = |from: usize| {
+        let residual: Vector3<f64> = linear.residual.fixed_rows::<3>(from).into();
+        let spread: f64 = (from..from + 3).map(|row| spread[(row, row)]).sum();
+        (weight * residual.norm_squared(), weight * spread)
+    };
+    (half(0), half(3))
+}
+
+/// Whether a kind tells the whole relative pose.
+const fn is_whole(kind: Kind) -> bool {
+    matches!(kind, Kind::Pose)
+}

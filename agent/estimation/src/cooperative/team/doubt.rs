@@ -1,0 +1,229 @@
+//! Whom to doubt: a vehicle whose measurements fit nobody, and one whose odometry does not fit what is measured.
+
+use std::collections::VecDeque;
+
+/// Measurements that count as one a round later.
+const FORGETTING: f64 = 0.9;
+/// Share of a vehicle's measurements that weigh less than one half, above which it is put into quarantine.
+const DOUBTED_ABOVE: f64 = 0.6;
+/// Measurements, with forgetting, without which nobody is judged.
+const COUNT_MIN: f64 = 4.0;
+/// Share of the innovations of a vehicle in quarantine that fail the gate, below which it is taken back.
+const TRUSTED_BELOW: f64 = 0.2;
+/// Innovations, with forgetting, without which nobody is taken back.
+const TRUSTED_COUNT_MIN: f64 = 6.0;
+/// Rounds over which odometry is judged.
+const ODOMETRY_ROUNDS: usize = 5;
+/// Odometry residuals over their expectation above which a vehicle's biases are found anew; honest vehicles stay below
+/// 3.6.
+const BIASED_ABOVE: f64 = 4.0;
+/// The same above which it lies, if its biases have just been found anew.
+const LYING_ABOVE: f64 = 9.0;
+/// Degrees of freedom without which odometry is not judged: nobody measured the vehicle.
+const EXPECTED_MIN: f64 = 0.5;
+/// Rounds in a row below [`BIASED_ABOVE`] after which odometry is believed again.
+const BELIEVED_AFTER: u32 = 20;
+/// Rounds that new biases are given to explain the odometry.
+const NEW_BIASES_ROUNDS: u32 = 10;
+/// The stated noise of odometry that lies is taken this many times.
+pub(super) const LYING_NOISE: f64 = 10.0;
+
+/// What speaks against the measurements of one vehicle.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Doubt {
+    bad: f64,
+    all: f64,
+    pub(super) is_quarantined: bool,
+}
+
+impl Doubt {
+    /// The share of its measurements that are bad.
+    pub(super) fn share(&self) -> f64 {
+        if self.all > 0.0 {
+            self.bad / self.all
+        } else {
+            0.0
+        }
+    }
+
+    /// Whether there is enough to judge by, and nothing that speaks against it.
+    pub(super) fn is_trusted(&self) -> bool {
+        !self.is_quarantined && self.all > COUNT_MIN && self.share() < TRUSTED_BELOW
+    }
+
+    /// Whether it should be put into quarantine.
+    pub(super) fn is_doubted(&self) -> bool {
+        !self.is_quarantined && self.all > COUNT_MIN && self.share() > DOUBTED_ABOVE
+    }
+
+    /// A round's measurements: how many are bad, by their weights or, in quarantine, by the gate.
+    pub(super) fn note(&mut self, bad: u32, all: u32) {
+        if all == 0 {
+            return;
+        }
+        self.bad = FORGETTING * self.bad + f64::from(bad);
+        self.all = FORGETTING * self.all + f64::from(all);
+        if self.is_quarantined && self.all > TRUSTED_COUNT_MIN && self.share() < TRUSTED_BELOW {
+            *self = Self::default();
+        }
+    }
+
+    pub(super) fn quarantine(&mut self) {
+        *self = Self {
+            is_quarantined: true,
+            ..Self::default()
+        };
+    }
+}
+
+/// What speaks against the odometry of one vehicle.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct OdometryDoubt {
+    rounds: VecDeque<(f64, f64)>,
+    /// Rounds since its biases were found anew.
+    new_biases: Option<u32>,
+    pub(super) lies: bool,
+    believable: u32,
+}
+
+/// What to do about a vehicle's odometry.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Remedy {
+    /// Nothing.
+    None,
+    /// Give its biases room.
+    NewBiases,
+    /// Believe it no more.
+    Disbelieve,
+    /// Believe it again.
+    Believe,
+}
+
+impl OdometryDoubt {
+    /// Residuals over their expectation, over the last rounds.
+    pub(super) fn ratio(&self) -> f64 {
+        let (squares, expected) = self
+            .rounds
+            .iter()
+            .fold((0.0, 0.0), |sum, round| (sum.0 + round.0, sum.1 + round.1));
+        if expected > EXPECTED_MIN {
+            squares / expected
+        } else {
+            0.0
+        }
+    }
+
+    /// Whether it may be why its vehicle's measurements fit nobody.
+    pub(super) fn is_under_suspicion(&self) -> bool {
+        self.ratio() > BIASED_ABOVE
+            || self
+                .new_biases
+                .is_some_and(|rounds| rounds < NEW_BIASES_ROUNDS)
+    }
+
+    /// A round's residuals, of the stated noise: their squares and what was expected of them.
+    pub(super) fn note(&mut self, squares: f64, expected: f64) {
+        let inflated = if self.lies {
+            LYING_NOISE * LYING_NOISE
+        } else {
+            1.0
+        };
+        self.rounds.push_back((squares * inflated, expected));
+        if self.rounds.len() > ODOMETRY_ROUNDS {
+            self.rounds.pop_front();
+        }
+    }
+
+    /// What follows, for a vehicle whose ratio is the largest of all or not.
+    pub(super) fn judge(&mut self, is_largest: bool) -> Remedy {
+        let ratio = self.ratio();
+        if let Some(rounds) = &mut self.new_biases {
+            *rounds += 1;
+        }
+        if self.lies {
+            self.believable = if ratio < BIASED_ABOVE {
+                self.believable + 1
+            } else {
+                0
+            };
+            if self.believable >= BELIEVED_AFTER {
+                *self = Self::default();
+                return Remedy::Believe;
+            }
+            return Remedy::None;
+        }
+        if self.rounds.len() < ODOMETRY_ROUNDS || !is_largest {
+            return Remedy::None;
+        }
+        match self.new_biases {
+            Some(rounds) if rounds < NEW_BIASES_ROUNDS => Remedy::None,
+            Some(_) if ratio > LYING_ABOVE => {
+                self.lies = true;
+                self.believable = 0;
+                Remedy::Disbelieve
+            }
+            Some(rounds) if rounds > 10 * NEW_BIASES_ROUNDS => {
+                self.new_biases = None;
+                Remedy::None
+            }
+            None if ratio > BIASED_ABOVE => {
+                self.new_biases = Some(0);
+                Remedy::NewBiases
+            }
+            _ => Remedy::None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn most_of_its_measurements_must_be_bad_and_enough_of_them_before_a_vehicle_is_doubted() {
+        let mut doubt = Doubt::default();
+        doubt.note(2, 2);
+        assert!(!doubt.is_doubted(), "too few");
+        doubt.note(2, 2);
+        doubt.note(2, 2);
+        assert!(doubt.is_doubted());
+        doubt.note(0, 4);
+        assert!(!doubt.is_doubted());
+    }
+
+    #[test]
+    fn in_quarantine_it_comes_back_when_its_innovations_pass() {
+        let mut doubt = Doubt::default();
+        doubt.quarantine();
+        doubt.note(2, 2);
+        for round in 0..40 {
+            if !doubt.is_quarantined {
+                assert!(round >= 4, "a few good ones are not enough");
+                return;
+            }
+            doubt.note(0, 2);
+        }
+        panic!("it never came back");
+    }
+
+    #[test]
+    fn odometry_is_given_new_biases_first_and_disbelieved_when_those_explain_nothing() {
+        let mut doubt = OdometryDoubt::default();
+        let mut remedies = Vec::new();
+        for _ in 0..30 {
+            doubt.note(60.0, 6.0);
+            remedies.push(doubt.judge(true));
+        }
+        let at = |remedy| remedies.iter().position(|found| *found == remedy);
+        assert_eq!(at(Remedy::NewBiases), Some(4));
+        assert_eq!(at(Remedy::Disbelieve), Some(14));
+        for round in 0..40 {
+            doubt.note(6.0 / (LYING_NOISE * LYING_NOISE), 6.0);
+            if doubt.judge(true) == Remedy::Believe {
+                assert!(round > 19);
+                return;
+            }
+        }
+        panic!("it was never believed again");
+    }
+}

@@ -1,0 +1,153 @@
+//! What the team estimator is told: how long its window is, how it weighs, and what it expects of odometry.
+
+use crate::time::Span;
+
+/// The settings of [`super::Team`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// How many rounds the window holds.
+    pub lag: Lag,
+    /// Neighbours whose measurements are used at most, nearest first; of the others odometry is kept.
+    pub nearest: usize,
+    /// Squared innovation, in standard deviations and for six degrees of freedom, above which a new measurement fails
+    /// the gate; in proportion for fewer.
+    pub gate: f64,
+    /// The Cauchy kernel's `c^2`: a measurement with squared residual `s` weighs `c2 / (c2 + s)`, one that failed the
+    /// gate the square of it.
+    pub cauchy: f64,
+    /// Rounds at the start in which those that failed the gate weigh like the others, while the noise scales settle.
+    pub settling_rounds: u32,
+    /// Gauss-Newton iterations of a round.
+    pub iterations: usize,
+    /// What is expected of everybody's odometry.
+    pub bias: BiasNoise,
+    /// Standard deviation added to every round of odometry, radians and metres: that of a standing robot is zero.
+    pub odometry_floor: (f64, f64),
+}
+
+/// The length of the window in rounds, by who is in it and what they measure. One rule for all flights.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Lag {
+    /// In general.
+    pub usual: u32,
+    /// While distances are measured.
+    pub distances: u32,
+    /// With no more than [`Lag::FEW`] vehicles, this one among them.
+    pub few: u32,
+    /// With more than [`Lag::MANY`] vehicles.
+    pub many: u32,
+}
+
+impl Lag {
+    /// So many are few: their common turn shows late.
+    pub const FEW: usize = 3;
+    /// More are many: the window's cost grows with the cube of the number.
+    pub const MANY: usize = 12;
+
+    pub(super) fn rounds(&self, members: usize, distances: bool) -> u32 {
+        if members <= Self::FEW {
+            self.few
+        } else if members > Self::MANY {
+            self.many
+        } else if distances {
+            self.distances
+        } else {
+            self.usual
+        }
+    }
+}
+
+/// How far odometry may be off in the same way all the time, and how that changes.
+///
+/// Room for a bias is not free: with millimetre odometry a scale unknown by one in a thousand costs section V 4 % of its
+/// accuracy, by 3 % it costs 8 %. So a bias is narrow where it can be: a scale begins wide and is held at none as soon as
+/// the measurements show none (to learn that late costs nothing, as the prior knows what it did to the poses), a
+/// gyroscope begins narrow, and either gets room when it leaves the range in which it was expected.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BiasNoise {
+    /// Of the gyroscope: rad/s per axis.
+    pub gyro: BiasRange,
+    /// Of the odometer's scale: its share.
+    pub scale: BiasRange,
+    /// Standard deviations of what is expected, beyond which a bias gets room.
+    pub room_beyond: f64,
+    /// Standard deviations within which a bias is none.
+    pub none_within: f64,
+}
+
+/// How one kind of bias is expected.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BiasRange {
+    /// Standard deviation at the start.
+    pub start: f64,
+    /// The room that it gets when it leaves its range.
+    pub room: f64,
+    /// Standard deviation once it is held at none.
+    pub held: f64,
+    /// Standard deviation that the measurements must reach before it is held.
+    pub known: f64,
+    /// Its random walk, per root second.
+    pub walk: f64,
+}
+
+impl Settings {
+    /// The paper's period, for which the figures were found.
+    const PERIOD_S: f64 = 0.2;
+    const ROOT_PERIOD: f64 = 0.447_213_595_499_958;
+
+    /// Found on the scenario of section V with five kinds, loss, outliers and wrong noise
+    /// (`skein-sim experiment consistency`).
+    pub const DEFAULT: Self = Self {
+        lag: Lag {
+            usual: 3,
+            distances: 5,
+            few: 20,
+            many: 1,
+        },
+        nearest: 6,
+        gate: 100.0,
+        cauchy: 20.0,
+        settling_rounds: 30,
+        iterations: 3,
+        bias: BiasNoise {
+            // Half a milliradian a round, with room five, and 2e-5 per root round.
+            gyro: BiasRange {
+                start: 0.0005 / Self::PERIOD_S,
+                room: 0.005 / Self::PERIOD_S,
+                held: 0.0005 / Self::PERIOD_S,
+                known: 0.0,
+                walk: 2e-5 / (Self::PERIOD_S * Self::ROOT_PERIOD),
+            },
+            scale: BiasRange {
+                start: 0.03,
+                room: 0.03,
+                held: 3e-4,
+                known: 1e-3,
+                walk: 3e-5 / Self::ROOT_PERIOD,
+            },
+            room_beyond: 3.0,
+            none_within: 2.5,
+        },
+        odometry_floor: (1e-4, 1e-4),
+    };
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
+/// Vehicles whose odometry is smoothed at most; beyond, the absent one that was heard longest ago is given up.
+pub const MEMBERS_MAX: usize = 20;
+/// Poses in the window at most; beyond, the oldest go.
+pub const POSES_MAX: usize = 512;
+/// Measurements in the window at most.
+pub const EDGES_MAX: usize = 4096;
+/// Standard deviations of a vehicle of which nobody said where it started: no more than a guard against directions that
+/// nothing determines. Radians and metres.
+pub(super) const UNKNOWN_START: (f64, f64) = (3.0, 1e3);
+/// A start that odometry has since made this uncertain in orientation, radians, says nothing any more.
+pub(super) const WORN_START_RAD: f64 = 0.5;
+/// Longest stretch of odometry over which a bias adds up along a path of constant twist; over a longer one it is noise.
+pub(super) const BIASED_STRETCH_MAX: Span = Span::secs(4);

@@ -1,0 +1,826 @@
+//! What the team estimator holds at a time: the poses of the last rounds, what was measured between them, the biases of
+//! everybody's odometry, and the prior of all that has gone.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use nalgebra::{DMatrix, DVector, Vector3, Vector4};
+
+use super::biases::{Biases, Fate};
+use super::doubt::{Doubt, LYING_NOISE, OdometryDoubt};
+use super::measured_edge::{Linear, MeasuredEdge, PoseId};
+use super::noise_scales::NoiseScales;
+use super::normal::Sums;
+use super::prior::{Anchor, Prior, Unknown};
+use super::settings::{
+    BiasRange, EDGES_MAX, MEMBERS_MAX, POSES_MAX, Settings, UNKNOWN_START, WORN_START_RAD,
+};
+use super::stretch::{self, Stretch};
+use super::{Moment, Observation, PoseEstimate, RelativeEstimate, Unused, is_whole};
+use crate::cooperative::measurement::{Kind, Measurement};
+use crate::odometry::OdometryPoint;
+use crate::time::{Span, Stamp};
+use crate::{Body, Transform, VehicleId, World};
+
+/// A vehicle that was heard so many rounds ago is present.
+pub(super) const PRESENT_ROUNDS: i64 = 5;
+/// After so many rounds in which nobody else was heard, this vehicle keeps its poses: whoever returns is told what it
+/// missed, and that needs them.
+const DEAF_AFTER_ROUNDS: i64 = 5;
+/// Rounds that are kept so at most.
+const DEAF_ROUNDS_MAX: i64 = 50;
+/// Rounds that the poses are still kept after somebody is heard again.
+const RETURN_ROUNDS: i64 = 6;
+/// Rounds after the last distance in which the window stays as long as distances want it.
+const DISTANCE_ROUNDS: u32 = 25;
+/// How much more room than usual the biases of odometry get that fits nothing.
+const SUSPICIOUS_ROOM: f64 = 10.0;
+
+/// A vehicle at one round.
+#[derive(Clone, Debug)]
+pub(super) struct Pose {
+    pub(super) id: PoseId,
+    pub(super) vehicle: VehicleId,
+    pub(super) instant: Stamp,
+    pub(super) point: OdometryPoint,
+    /// In the window's frame: world axes about [`Window::centre`].
+    pub(super) world_from_body: Transform<World, Body>,
+    pub(super) is_new: bool,
+    /// What it measured and was counted.
+    counted: Vec<Counted>,
+}
+
+/// What tells two measurements of one pose apart; of the world: no target, and its number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Counted {
+    of: Option<VehicleId>,
+    kind: Kind,
+    nth: u8,
+}
+
+/// A vehicle that is located.
+#[derive(Clone, Debug)]
+pub(super) struct Member {
+    pub(super) biases: Biases,
+    pub(super) doubt: Doubt,
+    pub(super) odometry: OdometryDoubt,
+    pub(super) relative: Option<RelativeEstimate>,
+}
+
+/// The window.
+#[derive(Clone, Debug)]
+pub(super) struct Window {
+    pub(super) own: VehicleId,
+    pub(super) period: Span,
+    pub(super) settings: Settings,
+    /// Where the frame's origin is in the world: at this vehicle, where digits are needed.
+    centre: Vector3<f64>,
+    pub(super) members: BTreeMap<VehicleId, Member>,
+    /// In order of time, then of vehicle.
+    pub(super) poses: Vec<Pose>,
+    index_of: BTreeMap<PoseId, usize>,
+    pub(super) edges: Vec<MeasuredEdge>,
+    /// Measured by vehicles in quarantine: judged and not used.
+    pub(super) tested: Vec<MeasuredEdge>,
+    pub(super) prior: Prior,
+    next_id: u64,
+    /// Between whom measurements are used; everybody while they are few.
+    kept: Option<BTreeSet<VehicleId>>,
+    pub(super) own_estimate: Option<PoseEstimate>,
+    pub(super) evicted: u64,
+    /// Rounds for which distances lengthen the window.
+    distance_rounds: u32,
+    /// Poses before it go.
+    cutoff: Option<Stamp>,
+    /// Until when the cutoff stays where it is.
+    held_until: Option<Stamp>,
+}
+
+impl Window {
+    pub(super) fn new(own: VehicleId, period: Span, settings: Settings) -> Self {
+        Self {
+            own,
+            period,
+            settings,
+            centre: Vector3::zeros(),
+            members: BTreeMap::new(),
+            poses: Vec::new(),
+            index_of: BTreeMap::new(),
+            edges: Vec::new(),
+            tested: Vec::new(),
+            prior: Prior::nothing(),
+            next_id: 0,
+            kept: None,
+            own_estimate: None,
+            evicted: 0,
+            distance_rounds: 0,
+            cutoff: None,
+            held_until: None,
+        }
+    }
+
+    pub(super) fn period_s(&self) -> f64 {
+        self.period.as_secs_f64()
+    }
+
+    /// Rounds that the window holds now.
+    pub(super) fn lag(&self) -> u32 {
+        self.settings
+            .lag
+            .rounds(self.members.len(), self.distance_rounds > 0)
+    }
+
+    pub(super) fn in_the_world(&self, pose: &Transform<World, Body>) -> Transform<World, Body> {
+        Transform::new(pose.rotation, pose.translation + self.centre)
+    }
+
+    fn in_the_window(&self, pose: &Transform<World, Body>) -> Transform<World, Body> {
+        Transform::new(pose.rotation, pose.translation - self.centre)
+    }
+
+    pub(super) fn index(&self, id: PoseId) -> usize {
+        self.index_of[&id]
+    }
+
+    pub(super) fn newest_index_of(&self, vehicle: VehicleId) -> Option<usize> {
+        let of = |(_, pose): &(usize, &Pose)| pose.vehicle == vehicle;
+        self.poses
+            .iter()
+            .enumerate()
+            .filter(of)
+            .max_by_key(|(_, pose)| pose.point.taken)
+            .map(|(at, _)| at)
+    }
+
+    pub(super) fn newest_of(&self, vehicle: VehicleId) -> Option<&Pose> {
+        self.newest_index_of(vehicle).map(|at| &self.poses[at])
+    }
+
+    /// Every vehicle's poses that follow each other, as indices.
+    pub(super) fn stretches(&self) -> Vec<(usize, usize)> {
+        let mut last: BTreeMap<VehicleId, usize> = BTreeMap::new();
+        let mut order: Vec<usize> = (0..self.poses.len()).collect();
+        order.sort_by_key(|at| self.poses[*at].point.taken);
+        let mut pairs = Vec::new();
+        for at in order {
+            if let Some(before) = last.insert(self.poses[at].vehicle, at) {
+                pairs.push((before, at));
+            }
+        }
+        pairs
+    }
+
+    fn insert(&mut self, moment: &Moment, world_from_body: Transform<World, Body>) -> PoseId {
+        let id = PoseId(self.next_id);
+        self.next_id += 1;
+        let key = (moment.instant, moment.vehicle);
+        let at = self
+            .poses
+            .partition_point(|pose| (pose.instant, pose.vehicle) <= key);
+        self.poses.insert(
+            at,
+            Pose {
+                id,
+                vehicle: moment.vehicle,
+                instant: moment.instant,
+                point: moment.point,
+                world_from_body,
+                is_new: true,
+                counted: Vec::new(),
+            },
+        );
+        self.reindex();
+        id
+    }
+
+    fn reindex(&mut self) {
+        self.index_of = self
+            .poses
+            .iter()
+            .enumerate()
+            .map(|(at, pose)| (pose.id, at))
+            .collect();
+    }
+
+    /// The pose of a moment, made from the one before it if it is new.
+    pub(super) fn pose_of(&mut self, moment: &Moment) -> Result<PoseId, Unused> {
+        let Some(member) = self.members.get(&moment.vehicle) else {
+            return Err(Unused::Unlocated);
+        };
+        let own = self
+            .poses
+            .iter()
+            .filter(|pose| pose.vehicle == moment.vehicle);
+        let before = own
+            .filter(|pose| pose.point.taken <= moment.point.taken)
+            .max_by_key(|pose| pose.point.taken)
+            .ok_or(Unused::TooLate)?;
+        if before.point.taken == moment.point.taken {
+            return Ok(before.id);
+        }
+        if before.point.segment != moment.point.segment {
+            return Err(Unused::Interrupted);
+        }
+        if self.poses.len() >= POSES_MAX {
+            return Err(Unused::Full);
+        }
+        let stretch = Stretch {
+            earlier: &before.point,
+            later: &moment.point,
+        };
+        let predicted = stretch.predict(&before.world_from_body, &member.biases.value);
+        let linear = stretch.linearise(
+            &before.world_from_body,
+            &predicted,
+            &member.biases.value,
+            (1.0, 1.0),
+            &self.settings,
+            self.period_s(),
+        );
+        if linear.is_none() || !predicted.is_valid() {
+            return Err(Unused::Unusable);
+        }
+        Ok(self.insert(moment, predicted))
+    }
+
+    pub(super) fn start(
+        &mut self,
+        at: &Moment,
+        now: &Moment,
+        world_from_body: &Transform<World, Body>,
+        sigmas: (f64, f64),
+    ) -> Result<(), Unused> {
+        let stretch = Stretch {
+            earlier: &at.point,
+            later: &now.point,
+        };
+        if at.point.segment != now.point.segment || at.point.taken > now.point.taken {
+            return Err(Unused::Interrupted);
+        }
+        if stretch.rotation_sigma_rad(&self.settings) > WORN_START_RAD {
+            return Err(Unused::TooLate);
+        }
+        self.locate(at, world_from_body, sigmas).map(|_| ())
+    }
+
+    pub(super) fn place(
+        &mut self,
+        at: &Moment,
+        world_from_body: &Transform<World, Body>,
+    ) -> Result<(), Unused> {
+        self.locate(at, world_from_body, UNKNOWN_START).map(|_| ())
+    }
+
+    /// A vehicle joins.
+    fn locate(
+        &mut self,
+        at: &Moment,
+        world_from_body: &Transform<World, Body>,
+        sigmas: (f64, f64),
+    ) -> Result<PoseId, Unused> {
+        if self.members.contains_key(&at.vehicle) {
+            return Err(Unused::Counted);
+        }
+        let good = |sigma: f64| sigma.is_finite() && sigma > 0.0;
+        if !world_from_body.is_valid() || !good(sigmas.0) || !good(sigmas.1) {
+            return Err(Unused::Unusable);
+        }
+        if self.members.len() >= MEMBERS_MAX || self.poses.len() >= POSES_MAX {
+            return Err(Unused::Full);
+        }
+        if self.members.is_empty() {
+            self.centre = world_from_body.translation;
+        }
+        let pose = self.in_the_window(world_from_body);
+        let id = self.insert(at, pose);
+        self.prior.add_pose(id, &pose, sigmas.0, sigmas.1);
+        let bias = self.settings.bias;
+        self.prior
+            .add_biases(at.vehicle, bias.gyro.start, bias.scale.start);
+        let member = Member {
+            biases: Biases::new(&bias),
+            doubt: Doubt::default(),
+            odometry: OdometryDoubt::default(),
+            relative: None,
+        };
+        self.members.insert(at.vehicle, member);
+        Ok(id)
+    }
+
+    pub(super) fn measured(
+        &mut self,
+        from: &Moment,
+        to: &Moment,
+        observation: &Observation,
+    ) -> Result<(), Unused> {
+        if from.vehicle == to.vehicle {
+            return Err(Unused::SameVehicle);
+        }
+        if self.edges.len() + self.tested.len() >= EDGES_MAX {
+            return Err(Unused::Full);
+        }
+        let measurement = &observation.measurement;
+        if observation.noise.check(measurement.kind()).is_err() {
+            return Err(Unused::Unusable);
+        }
+        let is_kept =
+            |kept: &BTreeSet<VehicleId>| kept.contains(&from.vehicle) && kept.contains(&to.vehicle);
+        if !self.kept.as_ref().is_none_or(is_kept) {
+            return Err(Unused::LeftOut);
+        }
+        self.locate_by(from, to, observation)?;
+        let (from_id, to_id) = (self.pose_of(from)?, self.pose_of(to)?);
+        let counted = Counted {
+            of: Some(to.vehicle),
+            kind: measurement.kind(),
+            nth: 0,
+        };
+        self.count(from_id, counted)?;
+        let edge = self.edge(Some(from_id), to_id, from.vehicle, to.vehicle, observation);
+        if self.members[&from.vehicle].doubt.is_quarantined {
+            self.tested.push(edge);
+            return Err(Unused::Quarantined);
+        }
+        if measurement.kind() == Kind::Distance {
+            self.distance_rounds = DISTANCE_ROUNDS;
+        }
+        self.edges.push(edge);
+        Ok(())
+    }
+
+    pub(super) fn fixed(
+        &mut self,
+        at: &Moment,
+        nth: u8,
+        observation: &Observation,
+    ) -> Result<(), Unused> {
+        if self.edges.len() >= EDGES_MAX {
+            return Err(Unused::Full);
+        }
+        let kind = observation.measurement.kind();
+        if observation.noise.check(kind).is_err() {
+            return Err(Unused::Unusable);
+        }
+        if let (false, Measurement::Pose(pose)) = (
+            self.members.contains_key(&at.vehicle),
+            &observation.measurement,
+        ) {
+            let world_from_end = observation.from_end * pose.relative();
+            let world_from_body = world_from_end * observation.to_end.inverse();
+            self.place(at, &world_from_body.reframe())?;
+        }
+        let to = self.pose_of(at)?;
+        let counted = Counted {
+            of: None,
+            kind,
+            nth,
+        };
+        self.count(to, counted)?;
+        let edge = self.edge(None, to, at.vehicle, at.vehicle, observation);
+        self.edges.push(edge);
+        Ok(())
+    }
+
+    const fn edge(
+        &self,
+        from: Option<PoseId>,
+        to: PoseId,
+        by: VehicleId,
+        of: VehicleId,
+        observation: &Observation,
+    ) -> MeasuredEdge {
+        MeasuredEdge {
+            from,
+            to,
+            from_end: observation.from_end,
+            to_end: observation.to_end,
+            measurement: observation.measurement,
+            noise: observation.noise,
+            by,
+            of,
+            is_new: true,
+            failed_gate: false,
+            weight: 0.0,
+        }
+    }
+
+    /// A measured pose locates whichever of its ends is not located yet.
+    fn locate_by(
+        &mut self,
+        from: &Moment,
+        to: &Moment,
+        observation: &Observation,
+    ) -> Result<(), Unused> {
+        let located = |window: &Self, moment: &Moment| window.members.contains_key(&moment.vehicle);
+        let Measurement::Pose(pose) = &observation.measurement else {
+            return Ok(());
+        };
+        if !is_whole(observation.measurement.kind()) {
+            return Ok(());
+        }
+        let from_from_to = pose.relative();
+        let (known, unknown, known_from_unknown) = match (located(self, from), located(self, to)) {
+            (true, false) => {
+                let forth = observation.from_end * from_from_to * observation.to_end.inverse();
+                (from, to, forth)
+            }
+            (false, true) => {
+                let back =
+                    observation.to_end * from_from_to.inverse() * observation.from_end.inverse();
+                (to, from, back)
+            }
+            _ => return Ok(()),
+        };
+        if self
+            .members
+            .get(&from.vehicle)
+            .is_some_and(|member| member.doubt.is_quarantined)
+        {
+            return Err(Unused::Quarantined);
+        }
+        let known = self.pose_of(known)?;
+        let world_from_known = self.in_the_world(&self.poses[self.index(known)].world_from_body);
+        self.place(unknown, &(world_from_known * known_from_unknown))
+    }
+
+    fn count(&mut self, id: PoseId, counted: Counted) -> Result<(), Unused> {
+        let at = self.index(id);
+        let list = &mut self.poses[at].counted;
+        if list.contains(&counted) {
+            return Err(Unused::Counted);
+        }
+        list.push(counted);
+        Ok(())
+    }
+
+    /// The frame's origin moves to this vehicle.
+    pub(super) fn recentre(&mut self) {
+        let Some(own) = self.newest_of(self.own) else {
+            return;
+        };
+        let shift = own.world_from_body.translation;
+        self.centre += shift;
+        for pose in &mut self.poses {
+            pose.world_from_body.translation -= shift;
+        }
+        self.prior.recentre(&shift);
+    }
+
+    /// The poses that have left the window go into the prior.
+    pub(super) fn marginalise(&mut self, scales: &NoiseScales) {
+        self.distance_rounds = self.distance_rounds.saturating_sub(1);
+        let Some(newest) = self.newest_of(self.own).map(|pose| pose.instant) else {
+            return;
+        };
+        let others = self.poses.iter().filter(|pose| pose.vehicle != self.own);
+        let others = others.map(|pose| pose.instant).max();
+        let is_deaf = others.is_none_or(|at| newest - at > self.period * DEAF_AFTER_ROUNDS);
+        if is_deaf {
+            self.held_until = Some(newest + self.period * RETURN_ROUNDS);
+        }
+        let is_held = self.held_until.is_some_and(|until| newest < until);
+        let half = Span::from_nanos(self.period.as_nanos() / 2);
+        let usual = newest - self.period * i64::from(self.lag()) - half;
+        let oldest = newest - self.period * DEAF_ROUNDS_MAX;
+        let cutoff = match self.cutoff {
+            Some(before) if is_held => before.max(oldest),
+            _ => usual,
+        };
+        let cutoff = self.cutoff.map_or(cutoff, |before| before.max(cutoff));
+        self.cutoff = Some(cutoff);
+        let last: BTreeSet<PoseId> = self
+            .members
+            .keys()
+            .filter_map(|vehicle| self.newest_of(*vehicle).map(|pose| pose.id))
+            .collect();
+        let gone: Vec<Unknown> = self
+            .poses
+            .iter()
+            .filter(|pose| pose.instant < cutoff && !last.contains(&pose.id))
+            .map(|pose| Unknown::Pose(pose.id))
+            .collect();
+        self.eliminate(&gone, scales);
+        if self.members.len() >= MEMBERS_MAX {
+            self.evict(newest, scales);
+        }
+    }
+
+    /// Makes room: the absent vehicle that was heard longest ago goes.
+    fn evict(&mut self, now: Stamp, scales: &NoiseScales) {
+        let newest = |vehicle: &VehicleId| self.newest_of(*vehicle).map(|pose| pose.instant);
+        let oldest = self
+            .members
+            .keys()
+            .filter(|vehicle| **vehicle != self.own)
+            .filter_map(|vehicle| Some((newest(vehicle)?, *vehicle)))
+            .min();
+        if let Some((heard, vehicle)) = oldest
+            && now - heard > self.period * PRESENT_ROUNDS
+        {
+            self.forget(vehicle, scales);
+            self.evicted += 1;
+        }
+    }
+
+    /// A vehicle leaves; what it told of others stays.
+    pub(super) fn forget(&mut self, vehicle: VehicleId, scales: &NoiseScales) {
+        if !self.members.contains_key(&vehicle) {
+            return;
+        }
+        let own = self.poses.iter().filter(|pose| pose.vehicle == vehicle);
+        let mut gone: Vec<Unknown> = own.map(|pose| Unknown::Pose(pose.id)).collect();
+        gone.push(Unknown::Biases(vehicle));
+        self.eliminate(&gone, scales);
+        self.members.remove(&vehicle);
+        self.tested.clear();
+        if vehicle == self.own {
+            self.own_estimate = None;
+        }
+    }
+
+    /// Marginalises unknowns at the present estimate with the last weights. What came in since the last round and touches
+    /// them came too late.
+    fn eliminate(&mut self, gone: &[Unknown], scales: &NoiseScales) {
+        if gone.is_empty() {
+            return;
+        }
+        let is_gone = |id: PoseId| gone.contains(&Unknown::Pose(id));
+        let touches = |edge: &MeasuredEdge| is_gone(edge.to) || edge.from.is_some_and(is_gone);
+        let pairs: Vec<(usize, usize)> = self
+            .stretches()
+            .into_iter()
+            .filter(|(a, b)| {
+                let biases = Unknown::Biases(self.poses[*a].vehicle);
+                is_gone(self.poses[*a].id) || is_gone(self.poses[*b].id) || gone.contains(&biases)
+            })
+            .collect();
+        let mut order = gone.to_vec();
+        let mut note = |unknown: Unknown| {
+            if !order.contains(&unknown) {
+                order.push(unknown);
+            }
+        };
+        for anchor in &self.prior.anchors {
+            note(anchor.unknown());
+        }
+        for (a, b) in &pairs {
+            note(Unknown::Pose(self.poses[*a].id));
+            note(Unknown::Pose(self.poses[*b].id));
+            note(Unknown::Biases(self.poses[*a].vehicle));
+        }
+        for edge in self
+            .edges
+            .iter()
+            .filter(|edge| touches(edge) && !edge.is_new)
+        {
+            note(Unknown::Pose(edge.to));
+            edge.from.iter().for_each(|from| note(Unknown::Pose(*from)));
+        }
+        let mut offsets = BTreeMap::new();
+        let mut size = 0;
+        for unknown in &order {
+            offsets.insert(*unknown, size);
+            size += unknown.dimension();
+        }
+        let lost: usize = gone.iter().map(|unknown| unknown.dimension()).sum();
+        let mut sums = Dense {
+            hessian: DMatrix::zeros(size, size),
+            gradient: DVector::zeros(size),
+        };
+        let offset = |unknown: Unknown| offsets[&unknown];
+        sums.prior(self, offset);
+        for pair in pairs {
+            sums.stretch(self, pair, scales, offset);
+        }
+        for edge in self
+            .edges
+            .iter()
+            .filter(|edge| touches(edge) && !edge.is_new)
+        {
+            sums.edge(self, edge, scales, offset);
+        }
+        self.edges.retain(|edge| !touches(edge));
+        self.tested.retain(|edge| !touches(edge));
+        self.poses.retain(|pose| !is_gone(pose.id));
+        self.reindex();
+        let Dense { hessian, gradient } = sums.full();
+        let kept = size - lost;
+        let across = hessian.view((lost, 0), (kept, lost)).into_owned();
+        let mut lambda = hessian.view((lost, lost), (kept, kept)).into_owned();
+        let mut beta = gradient.rows(lost, kept).into_owned();
+        // What nothing determines tells nothing of the rest.
+        if let Some(inner) = hessian.view((0, 0), (lost, lost)).into_owned().cholesky() {
+            beta -= &across * inner.solve(&gradient.rows(0, lost).into_owned());
+            lambda -= &across * inner.solve(&across.transpose());
+        }
+        let anchors = order[gone.len()..].iter().map(|unknown| match *unknown {
+            Unknown::Pose(id) => Anchor::Pose(id, self.poses[self.index(id)].world_from_body),
+            Unknown::Biases(vehicle) => {
+                Anchor::Biases(vehicle, self.members[&vehicle].biases.value)
+            }
+        });
+        self.prior = Prior {
+            anchors: anchors.collect(),
+            lambda,
+            beta,
+        };
+        self.prior.symmetrise();
+    }
+
+    /// Everybody's biases wander for a round.
+    pub(super) fn wander(&mut self) {
+        let (bias, seconds) = (self.settings.bias, self.period_s());
+        let gyro = bias.gyro.walk * bias.gyro.walk * seconds;
+        let scale = bias.scale.walk * bias.scale.walk * seconds;
+        self.prior.wander(gyro, scale, |_| true);
+    }
+
+    /// Biases that are none are held there, and those that left the range in which they were expected get room.
+    pub(super) fn judge_biases(&mut self, variances: &BTreeMap<VehicleId, Vector4<f64>>) {
+        let (noise, seconds) = (self.settings.bias, self.period_s());
+        for (vehicle, variances) in variances {
+            let Some(member) = self.members.get_mut(vehicle) else {
+                continue;
+            };
+            let fates = member.biases.judge(variances, &noise, seconds);
+            let room = |fate: Fate, range: &BiasRange| match fate {
+                Fate::Room => range.room * range.room,
+                Fate::Held | Fate::Unchanged => 0.0,
+            };
+            let (gyro, scale) = (
+                room(fates.gyro, &noise.gyro),
+                room(fates.scale, &noise.scale),
+            );
+            if gyro > 0.0 || scale > 0.0 {
+                self.prior.wander(gyro, scale, |other| other == *vehicle);
+            }
+            if fates.gyro == Fate::Held {
+                self.prior.hold_biases(*vehicle, 0..3, noise.gyro.held);
+            }
+            if fates.scale == Fate::Held {
+                self.prior.hold_biases(*vehicle, 3..4, noise.scale.held);
+            }
+        }
+    }
+
+    /// A vehicle's biases may be anything.
+    pub(super) fn free_biases(&mut self, vehicle: VehicleId) {
+        let gyro = SUSPICIOUS_ROOM * self.settings.bias.gyro.room;
+        let scale = SUSPICIOUS_ROOM * self.settings.bias.scale.room;
+        self.prior
+            .wander(gyro * gyro, scale * scale, |other| other == vehicle);
+    }
+
+    pub(super) fn biases(&self) -> Vec<(VehicleId, Vector4<f64>)> {
+        let members = self.members.iter();
+        members
+            .map(|(id, member)| (*id, member.biases.value))
+            .collect()
+    }
+
+    pub(super) fn restore(
+        &mut self,
+        poses: &[Transform<World, Body>],
+        biases: &[(VehicleId, Vector4<f64>)],
+    ) {
+        for (pose, before) in self.poses.iter_mut().zip(poses) {
+            pose.world_from_body = *before;
+        }
+        for (vehicle, before) in biases {
+            if let Some(member) = self.members.get_mut(vehicle) {
+                member.biases.value = *before;
+            }
+        }
+    }
+
+    pub(super) fn is_finite(&self) -> bool {
+        let biases = self
+            .members
+            .values()
+            .all(|member| member.biases.value.iter().all(|bias| bias.is_finite()));
+        biases
+            && self
+                .poses
+                .iter()
+                .all(|pose| pose.world_from_body.is_valid())
+    }
+
+    pub(super) fn linearise(&self, edge: &MeasuredEdge, scales: &NoiseScales) -> Linear {
+        let world = Transform::new(nalgebra::UnitQuaternion::identity(), -self.centre);
+        let from = edge
+            .from
+            .map_or(world, |from| self.poses[self.index(from)].world_from_body);
+        let to = self.poses[self.index(edge.to)].world_from_body;
+        edge.linearise(&from, &to, &scales.measurement)
+    }
+
+    /// The linearised stretch between two poses, by index.
+    pub(super) fn linearise_stretch(
+        &self,
+        (earlier, later): (usize, usize),
+        scales: &NoiseScales,
+    ) -> Option<stretch::Linear> {
+        let (earlier, later) = (&self.poses[earlier], &self.poses[later]);
+        let member = &self.members[&earlier.vehicle];
+        let inflated = if member.odometry.lies {
+            LYING_NOISE
+        } else {
+            1.0
+        };
+        let factors = (
+            scales.odometry.rotation() * inflated,
+            scales.odometry.translation() * inflated,
+        );
+        Stretch {
+            earlier: &earlier.point,
+            later: &later.point,
+        }
+        .linearise(
+            &earlier.world_from_body,
+            &later.world_from_body,
+            &member.biases.value,
+            factors,
+            &self.settings,
+            self.period_s(),
+        )
+    }
+
+    /// Weighs every measurement by its residual: Cauchy, for those that failed the gate its square, and nothing at all in
+    /// a round's first iteration, when the estimate may still be where they want it.
+    pub(super) fn weigh_edges(&mut self, scales: &NoiseScales, settled: bool, is_first: bool) {
+        let mut edges = std::mem::take(&mut self.edges);
+        for edge in &mut edges {
+            let square = self.linearise(edge, scales).square();
+            let weight = self.settings.cauchy / (self.settings.cauchy + square);
+            edge.weight = match (edge.failed_gate, is_first && edge.is_new, settled) {
+                _ if !weight.is_finite() => 0.0,
+                (true, true, _) => 0.0,
+                (true, false, true) => weight * weight,
+                _ => weight,
+            };
+        }
+        self.edges = edges;
+    }
+
+    /// The round is over: nothing is new any more, and the nearest are chosen for the next.
+    pub(super) fn end_round(&mut self) {
+        for pose in &mut self.poses {
+            pose.is_new = false;
+        }
+        for edge in &mut self.edges {
+            edge.is_new = false;
+        }
+        self.tested.clear();
+        self.kept = self.nearest();
+    }
+
+    /// Between whom measurements are used: this vehicle and the nearest of those present, when there are more.
+    fn nearest(&self) -> Option<BTreeSet<VehicleId>> {
+        if self.members.len() <= self.settings.nearest + 1 {
+            return None;
+        }
+        let own = self.newest_of(self.own)?;
+        let mut others: Vec<(f64, VehicleId)> = self
+            .members
+            .keys()
+            .filter(|vehicle| **vehicle != self.own)
+            .filter_map(|vehicle| self.newest_of(*vehicle))
+            .filter(|pose| own.instant - pose.instant <= self.period * PRESENT_ROUNDS)
+            .map(|pose| {
+                let apart = pose.world_from_body.translation - own.world_from_body.translation;
+                (apart.norm(), pose.vehicle)
+            })
+            .collect();
+        others.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let nearest = others.into_iter().take(self.settings.nearest);
+        Some(
+            nearest
+                .map(|(_, vehicle)| vehicle)
+                .chain([self.own])
+                .collect(),
+        )
+    }
+}
+
+/// Dense sums, for what is marginalised.
+struct Dense {
+    hessian: DMatrix<f64>,
+    gradient: DVector<f64>,
+}
+
+impl Sums for Dense {
+    fn add(&mut self, row: usize, column: usize, value: f64) {
+        self.hessian[(row, column)] += value;
+    }
+
+    fn add_gradient(&mut self, row: usize, value: f64) {
+        self.gradient[row] += value;
+    }
+}
+
+impl Dense {
+    /// The upper half is the lower one.
+    fn full(mut self) -> Self {
+        self.hessian.fill_upper_triangle_with_lower_triangle();
+        self
+    }
+}
