@@ -86,3 +86,42 @@ pub struct TeamMemberHealth {
     /// Its odometry goes on contradicting what others measure.
     pub odometry_liar: bool,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::document::{NeighbourHealth, RoundsHealth};
+
+    #[test]
+    fn what_mode_team_says_is_read_as_it_was_written_and_other_modes_say_nothing_of_it() {
+        let rounds = RoundsHealth {
+            team: Some(TeamHealth {
+                noise_scales: NoiseScales {
+                    odometry_rotation: 1.25,
+                    ..NoiseScales::default()
+                },
+                gated: 3,
+                position_sigma_m: Some(0.5),
+                ..TeamHealth::default()
+            }),
+            ..RoundsHealth::default()
+        };
+        let neighbour = NeighbourHealth {
+            team: Some(TeamMemberHealth {
+                gyro_bias_rad_s: [0.0, 0.0, -0.25],
+                odometry_liar: true,
+                ..TeamMemberHealth::default()
+            }),
+            ..NeighbourHealth::default()
+        };
+        let json = serde_json::to_string(&(&rounds, &neighbour)).unwrap();
+        let read: (RoundsHealth, NeighbourHealth) = serde_json::from_str(&json).unwrap();
+        assert_eq!(read, (rounds, neighbour));
+
+        let silent = (RoundsHealth::default(), NeighbourHealth::default());
+        let json = serde_json::to_string(&silent).unwrap();
+        assert!(!json.contains("team"), "{json}");
+        let read: (RoundsHealth, NeighbourHealth) = serde_json::from_str(&json).unwrap();
+        assert_eq!(read, silent);
+    }
+}
