@@ -17,7 +17,7 @@ use skein_simworld::radio::{Burst, LinkOverride, Partition, RateLimit, Silence};
 use skein_simworld::scenario::Scenario;
 use skein_simworld::stage::Stage;
 use skein_simworld::world::{Delivery, World, nanos, numbers};
-use skein_tests::stories::altered;
+use skein_tests::stories::{altered, name};
 use skein_vehicle::{Config, Input};
 use std::collections::BTreeMap;
 
@@ -46,10 +46,6 @@ struct Flights(Vec<Flight>);
 
 fn section_v() -> Scenario {
     Fault::Clean.scenario(SEED)
-}
-
-fn name(text: &str) -> Name {
-    Name::parse(text).unwrap()
 }
 
 fn in_mode(mode: Mode) -> impl Fn(usize, Config) -> Config {
