@@ -1,13 +1,20 @@
 //! What changed for a vehicle, told once: compares each estimate and health with the one before and says what the log
 //! should have. A steady flight has nothing to say.
 
-use skein_proto::document::{EstimateDocument, HealthDocument, NeighbourHealth, ProcessHealth};
+use skein_proto::document::{
+    EstimateDocument, HealthDocument, NeighbourHealth, ProcessHealth, TeamHealth,
+};
 use skein_proto::status::Status;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
+use std::ops::RangeInclusive;
 
 /// Reasons remembered for one neighbour or sensor; the contract has fewer.
 const REASONS_MAX: usize = 64;
+/// Beyond these a noise scale is worth a word: what the sensors state is off by a factor of two.
+const NOISE_SCALE_FAIR: RangeInclusive<f64> = 0.5..=2.0;
+/// Back within these it may become worth another one; what hovers about a bound is told once.
+const NOISE_SCALE_FAIR_AGAIN: RangeInclusive<f64> = 0.6..=1.67;
 
 /// Remembers what was told. Bounded as its documents are: it keeps nothing of a neighbour that they no longer list.
 #[derive(Default)]
@@ -16,6 +23,7 @@ pub(crate) struct Changes {
     neighbours: BTreeMap<String, Neighbour>,
     sensors: BTreeMap<String, Sensor>,
     refused: BTreeSet<String>,
+    team: Team,
     process: Process,
 }
 
@@ -24,6 +32,7 @@ struct Neighbour {
     present: bool,
     clock_known: bool,
     other_period: bool,
+    odometry_doubted: bool,
     refused: BTreeSet<String>,
 }
 
@@ -31,6 +40,12 @@ struct Neighbour {
 struct Sensor {
     brings: bool,
     refused: BTreeSet<String>,
+}
+
+#[derive(Default)]
+struct Team {
+    restarts: u64,
+    unfair_scales: BTreeSet<&'static str>,
 }
 
 #[derive(Default)]
@@ -55,6 +70,14 @@ pub(crate) enum Change {
     ClockLost { neighbour: String },
     /// A neighbour runs on another round period.
     OtherPeriod { neighbour: String, period_s: f64 },
+    /// What others measure goes on contradicting a neighbour's odometry.
+    OdometryDoubted { neighbour: String },
+    /// It no longer does.
+    OdometryBelieved { neighbour: String },
+    /// The estimator of the whole team had to begin again; how often so far.
+    TeamRestarted { restarts: u64 },
+    /// What sensors state of their noise is off by more than a factor of two.
+    UnfairNoise { of: &'static str, scale: f64 },
     /// The first frame of a sensor.
     FirstFrame { sensor: String },
     /// The first refusal for a reason; later ones are only counted.
@@ -105,6 +128,9 @@ impl Changes {
             new_reasons(&mut before.refused, &now.refused, &of, &mut changes);
         }
         new_reasons(&mut self.refused, &health.refused, "nobody", &mut changes);
+        if let Some(team) = &health.rounds.team {
+            self.team.compare(team, &mut changes);
+        }
         if let Some(process) = &health.process {
             self.process.compare(process, &mut changes);
         }
@@ -145,8 +171,39 @@ impl Neighbour {
             });
         }
         self.other_period = now.other_period_s.is_some();
+        let odometry_doubted = now.team.is_some_and(|team| team.odometry_liar);
+        if odometry_doubted != self.odometry_doubted {
+            self.odometry_doubted = odometry_doubted;
+            changes.push(if odometry_doubted {
+                Change::OdometryDoubted {
+                    neighbour: neighbour(),
+                }
+            } else {
+                Change::OdometryBelieved {
+                    neighbour: neighbour(),
+                }
+            });
+        }
         let of = format!("neighbour {name}");
         new_reasons(&mut self.refused, &now.refused, &of, changes);
+    }
+}
+
+impl Team {
+    fn compare(&mut self, now: &TeamHealth, changes: &mut Vec<Change>) {
+        if now.restarts > self.restarts {
+            changes.push(Change::TeamRestarted {
+                restarts: now.restarts,
+            });
+        }
+        self.restarts = now.restarts;
+        for (of, scale) in now.noise_scales.by_name() {
+            if NOISE_SCALE_FAIR_AGAIN.contains(&scale) {
+                self.unfair_scales.remove(of);
+            } else if !NOISE_SCALE_FAIR.contains(&scale) && self.unfair_scales.insert(of) {
+                changes.push(Change::UnfairNoise { of, scale });
+            }
+        }
     }
 }
 
@@ -221,6 +278,14 @@ impl Change {
                 neighbour,
                 period_s,
             } => tracing::warn!(%vehicle, %neighbour, period_s, "{self}"),
+            Self::OdometryDoubted { neighbour } => {
+                tracing::warn!(%vehicle, %neighbour, "{self}");
+            }
+            Self::OdometryBelieved { neighbour } => {
+                tracing::info!(%vehicle, %neighbour, "{self}");
+            }
+            Self::TeamRestarted { restarts } => tracing::warn!(%vehicle, restarts, "{self}"),
+            Self::UnfairNoise { of, scale } => tracing::warn!(%vehicle, %of, scale, "{self}"),
             Self::FirstFrame { sensor } => tracing::info!(%vehicle, %sensor, "{self}"),
             Self::Refused { of, reason } => tracing::info!(%vehicle, %of, %reason, "{self}"),
             Self::Connected | Self::Disconnected => tracing::info!(%vehicle, "{self}"),
@@ -242,6 +307,16 @@ impl fmt::Display for Change {
             Self::OtherPeriod { .. } => {
                 "the neighbour has another round period: give the whole fleet the same"
             }
+            Self::OdometryDoubted { .. } => {
+                "what others measure contradicts the neighbour's odometry: it is not believed"
+            }
+            Self::OdometryBelieved { .. } => "the neighbour's odometry is believed again",
+            Self::TeamRestarted { .. } => {
+                "the estimator of the team had to begin again: its covariance is young"
+            }
+            Self::UnfairNoise { .. } => {
+                "noise is another than the sensors state, by this factor: give their drivers honest sigmas"
+            }
             Self::FirstFrame { .. } => "the first frame of a sensor",
             Self::Refused { .. } => {
                 "refused for the first time for this reason; `skein status` counts them"
@@ -257,7 +332,7 @@ impl fmt::Display for Change {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use skein_proto::document::{QueueHealth, RoundsHealth, SensorHealth};
+    use skein_proto::document::{QueueHealth, RoundsHealth, SensorHealth, TeamMemberHealth};
     use skein_proto::name::Name;
 
     fn estimate(status: Status, why: Option<&str>) -> EstimateDocument {
@@ -407,6 +482,76 @@ mod tests {
             reason: "version".to_owned()
         }));
         assert_eq!(changes.in_health(&refused), []);
+    }
+
+    #[test]
+    fn a_neighbour_whose_odometry_lies_is_told_of_when_it_begins_and_when_it_ends() {
+        let mut changes = started();
+        let lying = |odometry_liar| {
+            of_v2(|v2| {
+                v2.team = Some(TeamMemberHealth {
+                    odometry_liar,
+                    ..TeamMemberHealth::default()
+                });
+            })
+        };
+        let neighbour = || "v2".to_owned();
+        assert_eq!(changes.in_health(&lying(false)), []);
+        assert_eq!(
+            changes.in_health(&lying(true)),
+            [Change::OdometryDoubted {
+                neighbour: neighbour()
+            }]
+        );
+        assert_eq!(changes.in_health(&lying(true)), []);
+        assert_eq!(
+            changes.in_health(&lying(false)),
+            [Change::OdometryBelieved {
+                neighbour: neighbour()
+            }]
+        );
+    }
+
+    fn of_the_team(change: impl Fn(&mut TeamHealth)) -> HealthDocument {
+        let mut health = steady(1);
+        change(health.rounds.team.insert(TeamHealth::default()));
+        health
+    }
+
+    #[test]
+    fn each_time_the_estimator_of_the_team_begins_again_is_told_once() {
+        let mut changes = started();
+        assert_eq!(changes.in_health(&of_the_team(|_| ())), []);
+        for restarts in [1, 2] {
+            let again = of_the_team(|team| team.restarts = restarts);
+            assert_eq!(
+                changes.in_health(&again),
+                [Change::TeamRestarted { restarts }]
+            );
+            assert_eq!(changes.in_health(&again), []);
+        }
+    }
+
+    #[test]
+    fn noise_beyond_a_factor_of_two_is_told_once_until_it_was_fair_again() {
+        let mut changes = started();
+        let mut told = |scale| {
+            let noisy = of_the_team(|team| team.noise_scales.odometry_rotation = scale);
+            changes.in_health(&noisy)
+        };
+        let unfair = |scale| {
+            [Change::UnfairNoise {
+                of: "odometry rotation",
+                scale,
+            }]
+        };
+        assert_eq!(told(2.0), []);
+        assert_eq!(told(2.01), unfair(2.01));
+        for hovering in [2.5, 1.9, 2.01] {
+            assert_eq!(told(hovering), [], "{hovering}");
+        }
+        assert_eq!(told(1.0), []);
+        assert_eq!(told(0.49), unfair(0.49));
     }
 
     #[test]

@@ -6,6 +6,7 @@ mod get;
 mod observer;
 mod output;
 mod run;
+mod sigma;
 mod status;
 mod verify;
 mod watch;

@@ -1,7 +1,11 @@
 //! The configuration file (TOML): read raw, checked, and turned into [`Settings`]. Whatever is wrong is shown with its
-//! file, line and key, and with what to do.
+//! file, line and key, and with what to do. Each large table has a file of its own: what may stand in it, and its check.
 
+mod cooperative;
 mod mistake;
+mod network;
+mod pose;
+mod sensor;
 
 pub use mistake::{ConfigError, Mistake};
 
@@ -9,23 +13,18 @@ use crate::clock::Clock;
 use crate::driver::replay;
 use crate::network::NetworkSettings;
 use crate::settings::{DriverSettings, FaultSettings, Settings, new_boot};
-use nalgebra::{UnitQuaternion, Vector3};
+use cooperative::RawCooperative;
+use network::RawNetwork;
+use pose::{RawPose, check_pose, optional_pose};
+use sensor::{RawSensor, check_sensors};
 use serde::Deserialize;
-use skein_estimation::cooperative::{Mode, Optimiser, Robust};
 use skein_estimation::time::{Span, Stamp};
-use skein_estimation::transform::Transform;
-use skein_proto::limits::ROUNDS_PER_RECORD_MAX;
 use skein_proto::name::Name;
-use skein_vehicle::{SensorConfig, Start};
+use skein_vehicle::Start;
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use toml::Spanned;
-
-/// Sensors that one vehicle has at most.
-const SENSORS_MAX: usize = 32;
-/// How far from one a quaternion's length may be in a file that people write.
-const QUATERNION_TOLERANCE: f64 = 1e-3;
 
 /// Reads a file. Fails with where and what to do.
 pub fn load(path: &Path) -> Result<Settings, Box<ConfigError>> {
@@ -112,48 +111,10 @@ struct RawRpc {
     enabled: bool,
 }
 
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RawPose {
-    position_m: Option<Spanned<[f64; 3]>>,
-    yaw_pitch_roll_deg: Option<Spanned<[f64; 3]>>,
-    quaternion_wxyz: Option<Spanned<[f64; 4]>>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RawSensor {
-    name: Spanned<String>,
-    driver: Spanned<String>,
-    file: Option<Spanned<PathBuf>>,
-    body_from_sensor: Option<Spanned<RawPose>>,
-}
-
-#[derive(Deserialize, Default)]
-#[serde(deny_unknown_fields)]
-struct RawCooperative {
-    period_s: Option<Spanned<f64>>,
-    round_wait_s: Option<Spanned<f64>>,
-    mode: Option<Spanned<String>>,
-    optimiser: Option<Spanned<String>>,
-    repeats: Option<Spanned<usize>>,
-    presence_timeout_s: Option<Spanned<f64>>,
-}
-
 #[derive(Deserialize, Default)]
 #[serde(deny_unknown_fields)]
 struct RawEstimate {
     rate_hz_max: Option<Spanned<f64>>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RawNetwork {
-    listen: Option<Vec<Spanned<String>>>,
-    connect: Option<Vec<Spanned<String>>>,
-    multicast: Option<bool>,
-    interface: Option<String>,
-    zenoh_config: Option<Spanned<PathBuf>>,
 }
 
 #[derive(Deserialize, Default)]
@@ -236,82 +197,6 @@ impl RawConfig {
     }
 }
 
-struct Cooperative {
-    period: Span,
-    round_wait: Span,
-    mode: Mode,
-    optimiser: Optimiser,
-    repeats: usize,
-    presence_timeout: Span,
-}
-
-impl RawCooperative {
-    fn check(self) -> Checked<Cooperative> {
-        let period_s = positive(self.period_s.as_ref(), 0.2, "period_s")?;
-        if let Some(given) = &self.period_s
-            && !(0.01..=10.0).contains(&period_s)
-        {
-            return Err(Wrong::at(
-                given,
-                format!("period_s = {period_s} is outside 0.01 to 10"),
-                "the papers use 0.2; all vehicles of a fleet should have the same period",
-            ));
-        }
-        let mode = match &self.mode {
-            None => Mode::default(),
-            Some(word) => match word.get_ref().as_str() {
-                "paper" => Mode::Paper,
-                "star" => Mode::Star(Robust::DEFAULT),
-                other => {
-                    return Err(Wrong::at(
-                        word,
-                        format!("there is no mode {other:?}"),
-                        "use \"star\" (robust) or \"paper\" (as published, for comparison)",
-                    ));
-                }
-            },
-        };
-        let optimiser = match &self.optimiser {
-            None => Optimiser::default(),
-            Some(word) => match word.get_ref().as_str() {
-                "gauss-newton" => Optimiser::gauss_newton(),
-                "descent" => Optimiser::descent(),
-                other => {
-                    return Err(Wrong::at(
-                        word,
-                        format!("there is no optimiser {other:?}"),
-                        "use \"gauss-newton\" (fast) or \"descent\" (the paper's)",
-                    ));
-                }
-            },
-        };
-        let repeats = self.repeats.as_ref().map_or(3, |r| *r.get_ref());
-        if let Some(given) = &self.repeats
-            && repeats >= ROUNDS_PER_RECORD_MAX
-        {
-            return Err(Wrong::at(
-                given,
-                format!("repeats = {repeats} is too many"),
-                &format!(
-                    "a round record holds the newest round and at most {} repeated ones",
-                    ROUNDS_PER_RECORD_MAX - 1
-                ),
-            ));
-        }
-        let round_wait_s = positive(self.round_wait_s.as_ref(), 1.5 * period_s, "round_wait_s")?;
-        let presence_timeout_s =
-            positive(self.presence_timeout_s.as_ref(), 2.0, "presence_timeout_s")?;
-        Ok(Cooperative {
-            period: Span::from_secs_f64(period_s),
-            round_wait: Span::from_secs_f64(round_wait_s),
-            mode,
-            optimiser,
-            repeats,
-            presence_timeout: Span::from_secs_f64(presence_timeout_s),
-        })
-    }
-}
-
 impl RawStart {
     fn check(self) -> Checked<Start> {
         match (&self.pose, &self.unknown) {
@@ -355,66 +240,6 @@ impl RawClock {
             None => Ok(Clock::real()),
         }
     }
-}
-
-impl RawNetwork {
-    fn check(self, folder: &Path, at: &Range<usize>) -> Checked<NetworkSettings> {
-        let others = self.listen.is_some()
-            || self.connect.is_some()
-            || self.multicast.is_some()
-            || self.interface.is_some();
-        if let Some(file) = self.zenoh_config.as_ref().filter(|_| others) {
-            return Err(Wrong::at(
-                file,
-                "[network] has zenoh_config and other keys",
-                "a Zenoh configuration file is passed through as it is: put the endpoints there, or leave it out",
-            ));
-        }
-        for endpoint in self.listen.iter().chain(&self.connect).flatten() {
-            let alone = NetworkSettings::loopback(vec![endpoint.get_ref().clone()]);
-            let refused = match alone.zenoh() {
-                Err(error) => error.to_string(),
-                Ok(_) if !has_port(endpoint.get_ref()) => {
-                    format!("{:?} has no port", endpoint.get_ref())
-                }
-                Ok(_) => continue,
-            };
-            return Err(Wrong::at(
-                endpoint,
-                refused,
-                "endpoints look like tcp/192.168.1.7:7447, or 192.168.1.7:7447 for TCP and UDP",
-            ));
-        }
-        let texts = |endpoints: Option<Vec<Spanned<String>>>| {
-            let endpoints = endpoints.unwrap_or_default().into_iter();
-            endpoints.map(Spanned::into_inner).collect()
-        };
-        let file_at = self.zenoh_config.as_ref().map(Spanned::span);
-        let defaults = NetworkSettings::default();
-        let settings = NetworkSettings {
-            listen: texts(self.listen),
-            connect: texts(self.connect),
-            multicast: self.multicast.unwrap_or(defaults.multicast),
-            interface: self.interface.unwrap_or(defaults.interface),
-            zenoh_config: self.zenoh_config.map(|path| folder.join(path.into_inner())),
-        };
-        settings.zenoh().map_err(|error| Wrong {
-            message: error.to_string(),
-            help: Some(match &file_at {
-                Some(_) => "zenoh_config names a file of Zenoh's own (JSON5), meant from the folder of this configuration".into(),
-                None => "listen and connect hold endpoints like tcp/192.168.1.7:7447; interface is a name like \"wlan0\"".into(),
-            }),
-            at: Some(file_at.unwrap_or_else(|| at.clone())),
-        })?;
-        Ok(settings)
-    }
-}
-
-/// Whether an endpoint ends with a port. Zenoh takes one without, and then never connects.
-fn has_port(endpoint: &str) -> bool {
-    let address = endpoint.split(['?', '#']).next().unwrap_or_default();
-    let port = address.rsplit_once(':').map(|(_, port)| port);
-    port.is_some_and(|port| port.parse::<u16>().is_ok())
 }
 
 impl RawLog {
@@ -462,77 +287,6 @@ fn check_simulation(
     Ok(Some(FaultSettings { seed: raw.seed }))
 }
 
-type Sensors = (Vec<SensorConfig>, BTreeMap<Name, DriverSettings>);
-
-fn check_sensors(raw: &[RawSensor], folder: &Path) -> Checked<Sensors> {
-    let mut sensors = Vec::new();
-    let mut drivers = BTreeMap::new();
-    for sensor in raw {
-        let name = name(&sensor.name)?;
-        if sensors.len() == SENSORS_MAX {
-            return Err(Wrong::at(
-                &sensor.name,
-                format!("more than {SENSORS_MAX} sensors"),
-                "put sensors of one kind and mount together",
-            ));
-        }
-        let driver = check_driver(sensor, folder)?;
-        sensors.push(SensorConfig {
-            name,
-            driver: driver.word().to_owned(),
-            body_from_sensor: optional_pose(sensor.body_from_sensor.as_ref())?,
-        });
-        if drivers.insert(name, driver).is_some() {
-            return Err(Wrong::at(
-                &sensor.name,
-                format!("there are two sensors {name}"),
-                "each [[sensor]] needs its own name",
-            ));
-        }
-    }
-    Ok((sensors, drivers))
-}
-
-fn check_driver(sensor: &RawSensor, folder: &Path) -> Checked<DriverSettings> {
-    match (sensor.driver.get_ref().as_str(), &sensor.file) {
-        ("zenoh", None) => Ok(DriverSettings::Zenoh),
-        ("process", None) => Ok(DriverSettings::Process),
-        ("replay", Some(file)) => {
-            let path = folder.join(file.get_ref());
-            if !path.is_file() {
-                return Err(Wrong::at(
-                    file,
-                    format!("there is no file {}", path.display()),
-                    "a path is meant from the folder of this configuration",
-                ));
-            }
-            replay::check(&path, name(&sensor.name)?).map_err(|error| {
-                Wrong::at(
-                    file,
-                    format!("the recording cannot be played: {error}"),
-                    "each line is {\"arrival_ns\": .., \"sensor\": \"..\", \"frame\": {..}}, arrivals in order",
-                )
-            })?;
-            Ok(DriverSettings::Recording(path))
-        }
-        ("replay", None) => Err(Wrong::at(
-            &sensor.driver,
-            "the replay driver needs a recording",
-            "add file = \"recording.jsonl\"",
-        )),
-        ("zenoh" | "process", Some(file)) => Err(Wrong::at(
-            file,
-            "only the replay driver reads a file",
-            "use driver = \"replay\" or remove file",
-        )),
-        (other, _) => Err(Wrong::at(
-            &sensor.driver,
-            format!("there is no driver {other:?}"),
-            "use \"zenoh\" (any program sends the frames) or \"replay\" (a recording)",
-        )),
-    }
-}
-
 fn name(text: &Spanned<String>) -> Checked<Name> {
     Name::parse(text.get_ref()).map_err(|error| {
         Wrong::at(
@@ -559,58 +313,10 @@ fn positive(value: Option<&Spanned<f64>>, default: f64, key: &str) -> Checked<f6
     }
 }
 
-fn optional_pose<To, From>(raw: Option<&Spanned<RawPose>>) -> Checked<Transform<To, From>> {
-    raw.map_or_else(|| Ok(Transform::identity()), check_pose)
-}
-
-fn check_pose<To, From>(raw: &Spanned<RawPose>) -> Checked<Transform<To, From>> {
-    let pose = raw.get_ref();
-    let position = check_finite(pose.position_m.as_ref())?.unwrap_or_default();
-    let angles = check_finite(pose.yaw_pitch_roll_deg.as_ref())?;
-    let quaternion = check_finite(pose.quaternion_wxyz.as_ref())?;
-    let rotation = match (angles, quaternion) {
-        (None, None) => UnitQuaternion::identity(),
-        (Some([yaw, pitch, roll]), None) => UnitQuaternion::from_euler_angles(
-            roll.to_radians(),
-            pitch.to_radians(),
-            yaw.to_radians(),
-        ),
-        (None, Some([w, x, y, z])) => {
-            let quaternion = nalgebra::Quaternion::new(w, x, y, z);
-            if (quaternion.norm() - 1.0).abs() > QUATERNION_TOLERANCE {
-                return Err(Wrong {
-                    message: format!("the quaternion has length {}", quaternion.norm()),
-                    at: pose.quaternion_wxyz.as_ref().map(Spanned::span),
-                    help: Some("a rotation is a quaternion of length one, scalar first".into()),
-                });
-            }
-            UnitQuaternion::from_quaternion(quaternion)
-        }
-        (Some(_), Some(_)) => {
-            return Err(Wrong {
-                message: "a pose has one rotation".into(),
-                at: pose.quaternion_wxyz.as_ref().map(Spanned::span),
-                help: Some("give yaw_pitch_roll_deg or quaternion_wxyz, not both".into()),
-            });
-        }
-    };
-    Ok(Transform::new(rotation, Vector3::from(position)))
-}
-
-fn check_finite<const N: usize>(given: Option<&Spanned<[f64; N]>>) -> Checked<Option<[f64; N]>> {
-    match given {
-        Some(numbers) if numbers.get_ref().iter().any(|n| !n.is_finite()) => Err(Wrong::at(
-            numbers,
-            "a pose is made of finite numbers",
-            "write position_m in metres and angles in degrees",
-        )),
-        _ => Ok(given.map(|numbers| *numbers.get_ref())),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Vector3;
 
     const EXAMPLE: &str = include_str!("../examples/skein.toml");
 

@@ -1,65 +1,16 @@
 //! Two fleets on one network, over real Zenoh on the loopback address: the same names, and no word between them.
 #![allow(clippy::unwrap_used)]
 
-use skein_agent::{Agent, Clock, NetworkSettings, Settings, new_boot};
-use skein_estimation::cooperative::{Mode, Optimiser};
-use skein_estimation::time::Span;
-use skein_estimation::transform::Transform;
-use skein_proto::name::Name;
-use skein_vehicle::{Config, Start};
-use std::collections::BTreeMap;
-use std::time::{Duration, Instant};
+mod team;
 
-const PATIENCE: Duration = Duration::from_secs(20);
+use skein_agent::{Agent, NetworkSettings};
+use team::{settings_of, until};
 
-fn name(text: &str) -> Name {
-    Name::parse(text).unwrap()
-}
-
+/// A vehicle without sensors.
 fn started(fleet: &str, vehicle: &str, connect: Vec<String>) -> Agent {
-    let settings = Settings {
-        fleet: name(fleet),
-        vehicle: Config {
-            vehicle: name(vehicle),
-            boot: new_boot(),
-            period: Span::millis(200),
-            round_wait: Span::millis(300),
-            start: Start::Pose(Transform::identity()),
-            mode: Mode::default(),
-            optimiser: Optimiser::default(),
-            sensors: Vec::new(),
-            body_from_target: Transform::identity(),
-            presence_timeout: Span::secs(2),
-            repeats: 3,
-            estimate_spacing: Span::millis(50),
-        },
-        drivers: BTreeMap::new(),
-        network: NetworkSettings::loopback(connect),
-        clock: Clock::real(),
-        log: None,
-        checkpoint: None,
-        rpc: false,
-        faults: None,
-    };
-    let agent = Agent::start(settings).unwrap();
-    assert!(agent.wait_open(PATIENCE), "no session");
-    agent
-}
-
-/// Waits until something holds; fails with `what` when it does not in time.
-#[expect(
-    clippy::disallowed_methods,
-    reason = "a test that watches real processes measures real time"
-)]
-fn until(what: &str, mut holds: impl FnMut() -> bool) {
-    let since = Instant::now();
-    while !holds() {
-        assert!(
-            since.elapsed() < PATIENCE,
-            "{what}: not within {PATIENCE:?}"
-        );
-        std::thread::sleep(Duration::from_millis(5));
-    }
+    let mut settings = settings_of(fleet, vehicle, NetworkSettings::loopback(connect));
+    settings.vehicle.sensors.clear();
+    team::started(settings)
 }
 
 #[test]

@@ -1,88 +1,32 @@
 //! Agents over real Zenoh on the loopback address: they find each other, answer, fly, stop, and repeat their logs.
 #![allow(clippy::unwrap_used)]
 
+mod team;
+
 use skein_agent::{
-    Agent, Clock, DriverSettings, FaultSettings, NetworkSettings, Settings, TimedFrame, new_boot,
+    Agent, Clock, DriverSettings, FaultSettings, NetworkSettings, Settings, TimedFrame,
 };
-use skein_estimation::cooperative::{Mode, Optimiser};
 use skein_estimation::time::{Span, Stamp};
 use skein_estimation::transform::Transform;
 use skein_proto::codec;
-use skein_proto::document::{ErrorDocument, EstimateDocument, NeighbourHealth};
+use skein_proto::document::{ErrorDocument, EstimateDocument};
 use skein_proto::estimate::Estimate;
 use skein_proto::faults::Faults;
 use skein_proto::frame::{Frame, OdometryFrame, RelativeFrame, RelativeValue};
 use skein_proto::keys::Key;
-use skein_proto::name::Name;
 use skein_proto::status::Status;
-use skein_vehicle::{Config, SensorConfig, Start};
+use skein_vehicle::Start;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+use team::{name, neighbour, settings_of, started, until};
 use zenoh::Wait;
 
-const PATIENCE: Duration = Duration::from_secs(20);
-
-fn name(text: &str) -> Name {
-    Name::parse(text).unwrap()
-}
-
 fn settings(fleet: &str, vehicle: &str, clock: Clock, connect: Vec<String>) -> Settings {
-    let sensor = |text: &str| SensorConfig {
-        name: name(text),
-        driver: "process".to_owned(),
-        body_from_sensor: Transform::identity(),
-    };
     Settings {
-        fleet: name(fleet),
-        vehicle: Config {
-            vehicle: name(vehicle),
-            boot: new_boot(),
-            period: Span::millis(200),
-            round_wait: Span::millis(300),
-            start: Start::Pose(Transform::identity()),
-            mode: Mode::default(),
-            optimiser: Optimiser::default(),
-            sensors: vec![sensor("odometry"), sensor("tags")],
-            body_from_target: Transform::identity(),
-            presence_timeout: Span::secs(2),
-            repeats: 3,
-            estimate_spacing: Span::millis(50),
-        },
-        drivers: BTreeMap::new(),
-        network: NetworkSettings::loopback(connect),
         clock,
-        log: None,
-        checkpoint: None,
-        rpc: false,
-        faults: None,
+        ..settings_of(fleet, vehicle, NetworkSettings::loopback(connect))
     }
-}
-
-fn started(settings: Settings) -> Agent {
-    let agent = Agent::start(settings).unwrap();
-    assert!(agent.wait_open(PATIENCE), "no session");
-    agent
-}
-
-/// Waits until something holds; fails with `what` when it does not in time.
-#[expect(
-    clippy::disallowed_methods,
-    reason = "a test that watches real processes measures real time"
-)]
-fn until(what: &str, mut holds: impl FnMut() -> bool) {
-    let since = Instant::now();
-    while !holds() {
-        assert!(
-            since.elapsed() < PATIENCE,
-            "{what}: not within {PATIENCE:?}"
-        );
-        std::thread::sleep(Duration::from_millis(5));
-    }
-}
-
-fn neighbour(agent: &Agent, of: &str) -> Option<NeighbourHealth> {
-    agent.latest_health()?.neighbours.get(of).cloned()
 }
 
 fn observer(connect: Vec<String>) -> zenoh::Session {
@@ -118,12 +62,13 @@ fn two_agents_find_each_other_and_a_stop_is_quick_and_seen() {
     let clock = Clock::real();
     let first = started(settings("finding", "v1", clock, vec![]));
     let second = started(settings("finding", "v2", clock, first.locators()));
-    let present = |agent: &Agent, of: &str| neighbour(agent, of).is_some_and(|n| n.present);
+    let present = |agent: &Agent, of: &str| neighbour(agent, of).present;
     until("v1 and v2 see each other", || {
         present(&first, "v2") && present(&second, "v1")
     });
     until("clocks are known", || {
-        neighbour(&first, "v2").is_some_and(|n| n.clock_offset_s.is_some_and(|s| s.abs() < 0.05))
+        let offset_s = neighbour(&first, "v2").clock_offset_s;
+        offset_s.is_some_and(|s| s.abs() < 0.05)
     });
     let process = first.latest_health().unwrap().process.clone().unwrap();
     assert!(process.session_open && process.peers == 1, "{process:?}");
@@ -216,7 +161,7 @@ fn total_loss_between_vehicles_is_total_and_counted() {
             .and_then(|health| health.process.clone())
             .is_some_and(|process| process.faults_dropped > 5)
     });
-    let heard = neighbour(&deaf, "v2").map_or(0, |n| n.bytes);
+    let heard = neighbour(&deaf, "v2").bytes;
     assert_eq!(heard, 0, "liveliness is seen, but no packet is");
     speaking.stop();
     observer.close().wait().unwrap();
@@ -383,7 +328,7 @@ fn a_killed_vehicle_is_missed_and_comes_back_under_a_new_boot_without_a_prior() 
         })
     };
     let second = Process::start(FLEET, POSE, &first.locators());
-    let of_second = || neighbour(&first, "v2").unwrap_or_default();
+    let of_second = || neighbour(&first, "v2");
     until("v1 knows v2 and its clock", || {
         of_second().present && of_second().clock_offset_s.is_some()
     });

@@ -1,5 +1,11 @@
 //! What people and tools read in JSON: the estimate, the health and the description of a vehicle.
 
+mod covariance;
+mod team;
+
+pub use covariance::CovarianceDocument;
+pub use team::{NoiseScales, TeamHealth, TeamMemberHealth};
+
 use crate::faults::LinkCount;
 use crate::name::Name;
 use crate::status::Status;
@@ -50,13 +56,6 @@ pub struct VelocityDocument {
     pub linear_world_m_s: [f64; 3],
     /// Of the body, in body axes (rad/s).
     pub angular_body_rad_s: [f64; 3],
-}
-
-/// A covariance, named by its tangent.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct CovarianceDocument {
-    /// Body twist, rotation (rad) then translation (m): upper triangle of the 6 x 6 matrix, row by row.
-    pub body_twist_rotation_first: Vec<f64>,
 }
 
 /// One neighbour as seen from this vehicle.
@@ -126,6 +125,9 @@ pub struct RoundsHealth {
     pub last_edges: u64,
     /// Things that were cut because a bound was reached, by what.
     pub cut: BTreeMap<String, u64>,
+    /// The estimator of the whole team; absent in other modes than `team`.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub team: Option<TeamHealth>,
 }
 
 /// What came from one sensor.
@@ -185,6 +187,9 @@ pub struct NeighbourHealth {
     /// How often it was put into quarantine.
     #[serde(skip_serializing_if = "is_zero", default)]
     pub quarantines: u64,
+    /// What the estimator of the whole team has learnt of it; absent in other modes than `team`.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub team: Option<TeamMemberHealth>,
     /// Packets and measurements refused, by reason.
     pub refused: BTreeMap<String, u64>,
     /// Bytes received, envelopes included.

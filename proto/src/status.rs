@@ -8,17 +8,20 @@ use serde::{Deserialize, Serialize};
 pub enum Status {
     /// No pose in the common frame yet: no start pose was given and nobody has placed this vehicle.
     Unplaced,
-    /// Neighbours or fixes correct the odometry.
+    /// Neighbours or fixes have corrected the odometry within the last 2 s, and when the estimator supplies a covariance,
+    /// its orientation sigma is at most 0.2 rad (root of the sum of the variances about the three axes).
     Tracking,
-    /// Corrected, but worse than the figures promise.
+    /// Corrected within the last 2 s, but the orientation sigma is above 0.2 rad, or the estimator of mode `team` had to
+    /// begin again within the last 10 s: an error that the whole team's orientation shares is then too large for a
+    /// linearised covariance, and the estimate may be further off than that says.
     Degraded,
-    /// Neighbours are present, but none has corrected the odometry lately.
+    /// Neighbours are present, but nothing has corrected the odometry within the last 2 s.
     DeadReckoning,
     /// Nobody is present; odometry alone.
     Alone,
     /// Resumed from a checkpoint and not yet confirmed.
     Resuming,
-    /// There was a pose, but odometry is missing: it is no longer known.
+    /// There was a pose, but odometry has been missing for more than 1 s: it is no longer known.
     Lost,
 }
 

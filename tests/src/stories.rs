@@ -1,5 +1,9 @@
-//! What stories of fleets in virtual time share: a world whose drivers bring something else than they should.
+//! What stories of fleets in virtual time share: what a user would ask of them, and a world whose drivers bring something
+//! else than they should.
 
+use skein_proto::document::NeighbourHealth;
+use skein_proto::name::Name;
+use skein_proto::status::Status;
 use skein_simworld::fleet::Fleet;
 use skein_simworld::radio::Radio;
 use skein_simworld::scenario::Scenario;
@@ -7,6 +11,38 @@ use skein_simworld::stage::Stage;
 use skein_simworld::truth::Pose;
 use skein_simworld::world::{Delivery, World};
 use skein_vehicle::Config;
+
+/// A scenario that ships with the simulator, its seed said in case the story fails.
+pub fn built_in(name: &str) -> Scenario {
+    let scenario = Scenario::built_in(name).expect("it ships with the simulator");
+    eprintln!("scenario {name}, seed {}", scenario.seed);
+    scenario
+}
+
+/// A name that is one.
+pub fn name(text: &str) -> Name {
+    Name::parse(text).expect("lower-case letters and digits")
+}
+
+/// What a vehicle says of its newest estimate.
+pub fn status<S: Stage>(fleet: &Fleet<S>, vehicle: usize) -> Status {
+    fleet.estimate(vehicle).expect("it has published").status
+}
+
+/// Why its estimate is none or a poor one; empty when it gives no reason.
+pub fn why<S: Stage>(fleet: &Fleet<S>, vehicle: usize) -> String {
+    let estimate = fleet.estimate(vehicle).expect("it has published");
+    estimate.why.clone().unwrap_or_default()
+}
+
+/// What a vehicle knows of another.
+pub fn neighbour<'a, S: Stage>(
+    fleet: &'a Fleet<S>,
+    vehicle: usize,
+    of: &str,
+) -> &'a NeighbourHealth {
+    &fleet.health(vehicle).expect("it has published").neighbours[of]
+}
 
 /// A world whose frames pass through a change on their way to the drivers.
 pub struct Altered<F> {

@@ -15,7 +15,6 @@ use skein_proto::envelope::Envelope;
 use skein_proto::exchange::{Echo, Exchange};
 use skein_proto::frame::{Frame, OdometryFrame};
 use skein_proto::measured::{Measured, MeasuredValue};
-use skein_proto::name::Name;
 use skein_proto::record::{Growth, PeerEcho, Round, RoundRecord};
 use skein_proto::status::Status;
 use skein_simworld::fleet::{Fleet, LoggedValue};
@@ -23,21 +22,12 @@ use skein_simworld::radio::Radio;
 use skein_simworld::scenario::Scenario;
 use skein_simworld::stage::Stage;
 use skein_simworld::world::{World, nanos};
+use skein_tests::stories::{built_in, name};
 use skein_vehicle::{Config, Input, Output, PacketKey, SensorConfig, Start, Vehicle};
 use std::collections::BTreeMap;
 
 /// The round of every scenario here, 0.2 s.
 const PERIOD_NS: i64 = 200_000_000;
-
-fn name(text: &str) -> Name {
-    Name::parse(text).unwrap()
-}
-
-fn built_in(name: &str) -> Scenario {
-    let scenario = Scenario::built_in(name).unwrap();
-    eprintln!("scenario {name}, seed {}", scenario.seed);
-    scenario
-}
 
 /// Mean squared position error of the whole team from 2 s on, of the last word of everybody on each of its instants.
 fn mean_square_m2(scenario: &Scenario, sample: u64, ahead_s: impl Fn(usize) -> f64) -> f64 {

@@ -17,7 +17,7 @@ use skein_simworld::radio::{Burst, LinkOverride, Partition, RateLimit, Silence};
 use skein_simworld::scenario::Scenario;
 use skein_simworld::stage::Stage;
 use skein_simworld::world::{Delivery, World, nanos, numbers};
-use skein_tests::stories::altered;
+use skein_tests::stories::{altered, name};
 use skein_vehicle::{Config, Input};
 use std::collections::BTreeMap;
 
@@ -46,10 +46,6 @@ struct Flights(Vec<Flight>);
 
 fn section_v() -> Scenario {
     Fault::Clean.scenario(SEED)
-}
-
-fn name(text: &str) -> Name {
-    Name::parse(text).unwrap()
 }
 
 fn in_mode(mode: Mode) -> impl Fn(usize, Config) -> Config {
@@ -534,6 +530,27 @@ impl Liar {
         }
     }
 
+    /// Flies with its lies in the default mode and in the paper's, and says what that came to beside its silence. What it
+    /// sees and says while it is silent is altered by `unsaid`.
+    fn beside_silence(
+        self,
+        lies: &str,
+        lie: impl Fn(usize, i64, &mut Vec<Delivery>) + Sync,
+        mend: impl Fn(&World, i64) -> Option<Input> + Sync,
+        unsaid: impl Fn(usize, i64, &mut Vec<Delivery>) + Sync,
+    ) -> (Exposed, Exposed, Flights) {
+        let star = self.fly(&section_v(), Mode::default(), &lie, &mend);
+        let paper = self.fly(&section_v(), Mode::Paper, &lie, &mend);
+        let silent = self.silent(unsaid);
+        println!(
+            "{lies}: the others {}; paper {}; were it silent {}",
+            star.others.line(),
+            paper.others.line(),
+            silent.line(),
+        );
+        (star, paper, silent)
+    }
+
     /// The others when it says nothing meanwhile.
     fn silent(self, alter: impl Fn(usize, i64, &mut Vec<Delivery>) + Sync) -> Flights {
         let mut scenario = section_v();
@@ -566,16 +583,8 @@ fn a_vehicle_whose_odometry_jumps_is_quarantined_and_readmitted_when_it_is_told_
                 world_from_body: numbers(&world.pose(liar.0, newest_ns)),
             })
         };
-        let star = liar.fly(&section_v(), Mode::default(), jumps, told);
-        let paper = liar.fly(&section_v(), Mode::Paper, jumps, told);
-        let silent = liar.silent(|_, _, _| ());
-        println!(
-            "odometry of {} jumps by 8 m: the others {}; paper {}; were it silent {}",
-            liar.name(),
-            star.others.line(),
-            paper.others.line(),
-            silent.line(),
-        );
+        let lies = format!("odometry of {} jumps by 8 m", liar.name());
+        let (star, paper, silent) = liar.beside_silence(&lies, jumps, told, |_, _, _| ());
         star.others
             .at_most_times(TO_SILENCE, &silent)
             .at_most_times(1.0, &paper.others)
@@ -610,16 +619,9 @@ fn displaced(liar: Liar) -> impl Fn(usize, i64, &mut Vec<Delivery>) + Sync + Cop
 #[test]
 fn a_vehicle_that_measures_nonsense_is_gated_and_held_by_what_the_others_measure_of_it() {
     for liar in (0..5).map(Liar) {
-        let star = liar.fly(&section_v(), Mode::default(), displaced(liar), |_, _| None);
-        let paper = liar.fly(&section_v(), Mode::Paper, displaced(liar), |_, _| None);
-        let silent = liar.silent(|_, _, _| ());
-        println!(
-            "{} measures 4 m too far to its left: the others {}; paper {}; were it silent {}",
-            liar.name(),
-            star.others.line(),
-            paper.others.line(),
-            silent.line(),
-        );
+        let lies = format!("{} measures 4 m too far to its left", liar.name());
+        let (star, paper, silent) =
+            liar.beside_silence(&lies, displaced(liar), |_, _| None, |_, _, _| ());
         star.others
             .at_most_times(TO_SILENCE, &silent)
             .at_most_times(1.0, &paper.others)
@@ -642,15 +644,11 @@ fn a_vehicle_that_nobody_sees_and_that_measures_nonsense_does_harm_and_less_than
             _ => true,
         });
     };
-    let star = liar.fly(&section_v(), Mode::default(), unseen, |_, _| None);
-    let paper = liar.fly(&section_v(), Mode::Paper, unseen, |_, _| None);
-    let silent = liar.silent(|vehicle, _, deliveries| unseen(vehicle, -1, deliveries));
-    println!(
-        "nobody sees v1, which measures 4 m too far to its left: the others {}; paper {}; were it silent {}",
-        star.others.line(),
-        paper.others.line(),
-        silent.line(),
-    );
+    let lies = "nobody sees v1, which measures 4 m too far to its left";
+    let not_seen = |vehicle: usize, _, deliveries: &mut Vec<Delivery>| {
+        unseen(vehicle, -1, deliveries);
+    };
+    let (star, paper, silent) = liar.beside_silence(lies, unseen, |_, _| None, not_seen);
     star.others
         .at_most_times(1.0, &paper.others)
         .names("quarantined");

@@ -7,11 +7,9 @@ use skein_estimation::Transform;
 use skein_estimation::cooperative::Mode;
 use skein_estimation::time::{Span, Stamp};
 use skein_proto::codec;
-use skein_proto::document::NeighbourHealth;
 use skein_proto::exchange::Exchange;
 use skein_proto::frame::{FixFrame, FixValue, Frame, RelativeFrame, RelativeValue};
 use skein_proto::keys::boot_text;
-use skein_proto::name::Name;
 use skein_proto::status::Status;
 use skein_simworld::fleet::{Fleet, Logged, LoggedValue};
 use skein_simworld::radio::Silence;
@@ -19,41 +17,14 @@ use skein_simworld::scenario::Scenario;
 use skein_simworld::stage::Stage;
 use skein_simworld::truth::Pose;
 use skein_simworld::world::{Delivery, ODOMETRY, RELATIVE, World, nanos, numbers};
-use skein_tests::stories::altered;
+use skein_tests::stories::{altered, built_in, name, neighbour, status, why};
 use skein_vehicle::{Config, Output, PacketKey, SensorConfig, Start, Vehicle};
 
 /// The round of every scenario here, 0.2 s.
 const PERIOD_NS: i64 = 200_000_000;
 
-fn built_in(name: &str) -> Scenario {
-    let scenario = Scenario::built_in(name).unwrap();
-    eprintln!("scenario {name}, seed {}", scenario.seed);
-    scenario
-}
-
-fn name(text: &str) -> Name {
-    Name::parse(text).unwrap()
-}
-
 fn as_configured(_: usize, config: Config) -> Config {
     config
-}
-
-fn status<S: Stage>(fleet: &Fleet<S>, vehicle: usize) -> Status {
-    fleet.estimate(vehicle).unwrap().status
-}
-
-fn why<S: Stage>(fleet: &Fleet<S>, vehicle: usize) -> String {
-    fleet
-        .estimate(vehicle)
-        .unwrap()
-        .why
-        .clone()
-        .unwrap_or_default()
-}
-
-fn neighbour<'a, S: Stage>(fleet: &'a Fleet<S>, vehicle: usize, of: &str) -> &'a NeighbourHealth {
-    &fleet.health(vehicle).unwrap().neighbours[of]
 }
 
 /// Squared errors of the estimate and of odometry alone, summed over the team at the end of the scenario.

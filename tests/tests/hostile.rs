@@ -23,14 +23,11 @@ use skein_simworld::fleet::{Fleet, LoggedValue};
 use skein_simworld::scenario::Scenario;
 use skein_simworld::stage::Stage;
 use skein_simworld::world::nanos;
+use skein_tests::stories::name;
 use skein_vehicle::{Checkpoint, Config, Input, Output, PacketKey, Vehicle};
 
 const SEED: u64 = 11;
 const PIECES: usize = 100_000;
-
-fn name(text: &str) -> Name {
-    Name::parse(text).unwrap()
-}
 
 /// What v1 was given in an honest flight of five.
 struct Flight {

@@ -16,6 +16,7 @@ use skein_simworld::radio::RadioSettings;
 use skein_simworld::scenario::Scenario;
 use skein_simworld::stage::Stage;
 use skein_simworld::world::nanos;
+use skein_tests::stories::{name, neighbour};
 use skein_vehicle::{Config, Input, Output, PacketKey, Start, Vehicle};
 use std::collections::BTreeMap;
 
@@ -25,10 +26,6 @@ const INTRUDER: usize = 4;
 /// The others.
 const HEARERS: std::ops::Range<usize> = 0..3;
 
-fn name(text: &str) -> Name {
-    Name::parse(text).unwrap()
-}
-
 fn scenario(delay_s: f64) -> Scenario {
     let mut scenario = Scenario::built_in("section-v").unwrap();
     scenario.radio.delay_s = delay_s;
@@ -37,10 +34,6 @@ fn scenario(delay_s: f64) -> Scenario {
         scenario.seed
     );
     scenario
-}
-
-fn neighbour<'a>(fleet: &'a Fleet, vehicle: usize, of: &str) -> &'a NeighbourHealth {
-    &fleet.health(vehicle).unwrap().neighbours[of]
 }
 
 fn refused(health: &NeighbourHealth, word: &str) -> u64 {

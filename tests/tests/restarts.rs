@@ -7,45 +7,20 @@ use skein_estimation::time::{Span, Stamp};
 use skein_proto::codec;
 use skein_proto::exchange::Exchange;
 use skein_proto::frame::{FixFrame, FixValue, Frame};
-use skein_proto::name::Name;
 use skein_proto::status::Status;
 use skein_simworld::fleet::{Fleet, Logged, LoggedValue};
 use skein_simworld::radio::{RadioSettings, Silence};
-use skein_simworld::scenario::Scenario;
 use skein_simworld::stage::Stage;
 use skein_simworld::truth::Pose;
 use skein_simworld::world::{Delivery, ODOMETRY, World, nanos, numbers};
-use skein_tests::stories::altered;
+use skein_tests::stories::{altered, built_in, name, status, why};
 use skein_vehicle::{Checkpoint, Config, Input, Output, PacketKey, SensorConfig, Start};
-
-fn built_in(name: &str) -> Scenario {
-    let scenario = Scenario::built_in(name).unwrap();
-    println!("scenario {name}, seed {}", scenario.seed);
-    scenario
-}
-
-fn name(text: &str) -> Name {
-    Name::parse(text).unwrap()
-}
 
 fn robust(_: usize, config: Config) -> Config {
     Config {
         mode: Mode::Star(Robust::DEFAULT),
         ..config
     }
-}
-
-fn status<S: Stage>(fleet: &Fleet<S>, vehicle: usize) -> Status {
-    fleet.estimate(vehicle).unwrap().status
-}
-
-fn why<S: Stage>(fleet: &Fleet<S>, vehicle: usize) -> String {
-    fleet
-        .estimate(vehicle)
-        .unwrap()
-        .why
-        .clone()
-        .unwrap_or_default()
 }
 
 /// Flies on until a vehicle has a status; how long that took, in seconds.

@@ -3,10 +3,11 @@
 use super::Ending;
 use super::observer::{Observer, ObserverArgs, WaitArgs};
 use super::output::{plain, print, print_json};
+use super::sigma;
 use crate::clock::Clock;
 use crate::queries::About;
 use skein_estimation::time::Stamp;
-use skein_proto::document::{EstimateDocument, PoseDocument};
+use skein_proto::document::{CovarianceDocument, EstimateDocument, PoseDocument};
 use skein_proto::name::Name;
 
 /// An age beyond this is another clock (a recording, a simulation), not an age.
@@ -17,6 +18,7 @@ const AGE_MAX_S: f64 = 86_400.0;
   skein get                          all vehicles of the fleet `skein`
   skein get v1 --json                one, as JSON
   skein get --fleet geese --connect tcp/10.0.0.1:7447   without multicast
+The columns +- are one standard deviation over all three axes, where the estimator supplies a covariance.
 It ends with 3 when nobody answers.")]
 pub(super) struct GetArgs {
     /// The vehicle; all of the fleet without it.
@@ -57,8 +59,18 @@ fn table(estimates: &[EstimateDocument], now: Stamp) -> String {
     let mut page = String::new();
     let _ = writeln!(
         page,
-        "{:<20} {:<14} {:>8} {:>10} {:>10} {:>10} {:>8} {:>8} {:>8}",
-        "vehicle", "status", "age s", "x m", "y m", "z m", "yaw deg", "pitch", "roll"
+        "{:<20} {:<14} {:>8} {:>10} {:>10} {:>10} {:>9} {:>8} {:>8} {:>8} {:>8}",
+        "vehicle",
+        "status",
+        "age s",
+        "x m",
+        "y m",
+        "z m",
+        "+- m",
+        "yaw deg",
+        "pitch",
+        "roll",
+        "+- deg"
     );
     for estimate in estimates {
         let age = age(now, estimate.taken_ns);
@@ -69,6 +81,7 @@ fn table(estimates: &[EstimateDocument], now: Stamp) -> String {
             estimate.status.words(),
             &age,
             estimate.pose.as_ref(),
+            estimate.covariance.as_ref(),
         );
         for neighbour in &estimate.neighbours {
             let name = format!("  sees {}", neighbour.vehicle);
@@ -78,7 +91,14 @@ fn table(estimates: &[EstimateDocument], now: Stamp) -> String {
             let age = neighbour
                 .taken_ns
                 .map_or_else(|| "-".to_owned(), |ns| self::age(now, ns));
-            row(&mut page, &name, status, &age, neighbour.pose.as_ref());
+            row(
+                &mut page,
+                &name,
+                status,
+                &age,
+                neighbour.pose.as_ref(),
+                neighbour.covariance.as_ref(),
+            );
         }
         if let Some(why) = &estimate.why {
             let _ = writeln!(page, "  {}", plain(why));
@@ -87,23 +107,32 @@ fn table(estimates: &[EstimateDocument], now: Stamp) -> String {
     page
 }
 
-fn row(page: &mut String, name: &str, status: &str, age: &str, pose: Option<&PoseDocument>) {
+fn row(
+    page: &mut String,
+    name: &str,
+    status: &str,
+    age: &str,
+    pose: Option<&PoseDocument>,
+    covariance: Option<&CovarianceDocument>,
+) {
     use std::fmt::Write;
     let _ = write!(page, "{name:<20} {status:<14} {age:>8}");
     match pose {
         Some(pose) => {
             let [x, y, z] = pose.position_m;
             let [yaw, pitch, roll] = pose.yaw_pitch_roll_deg;
+            let sigma_m = sigma::position_m(covariance, 3);
+            let sigma_deg = sigma::rotation_deg(covariance, 2);
             let _ = writeln!(
                 page,
-                " {x:>10.3} {y:>10.3} {z:>10.3} {yaw:>8.2} {pitch:>8.2} {roll:>8.2}"
+                " {x:>10.3} {y:>10.3} {z:>10.3} {sigma_m:>9} {yaw:>8.2} {pitch:>8.2} {roll:>8.2} {sigma_deg:>8}"
             );
         }
         None => {
             let _ = writeln!(
                 page,
-                " {:>10} {:>10} {:>10} {:>8} {:>8} {:>8}",
-                "-", "-", "-", "-", "-", "-"
+                " {:>10} {:>10} {:>10} {:>9} {:>8} {:>8} {:>8} {:>8}",
+                "-", "-", "-", "-", "-", "-", "-", "-"
             );
         }
     }
@@ -122,23 +151,27 @@ pub(super) fn age(now: Stamp, taken_ns: i64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::command::sigma::tests::covariance;
     use skein_proto::document::NeighbourDocument;
     use skein_proto::status::Status;
 
-    #[test]
-    fn the_table_has_a_row_for_each_vehicle_and_each_neighbour_and_says_why() {
-        let pose = PoseDocument {
-            position_m: [1.0, -2.0, 3.0],
+    fn pose(position_m: [f64; 3]) -> PoseDocument {
+        PoseDocument {
+            position_m,
             quaternion_wxyz: [1.0, 0.0, 0.0, 0.0],
             yaw_pitch_roll_deg: [90.0, 0.0, 0.0],
             rotation_vector_rad: [0.0; 3],
-        };
-        let estimate = EstimateDocument {
+        }
+    }
+
+    /// A vehicle that reckons on, and sees `v2` without knowing where it is.
+    fn estimate() -> EstimateDocument {
+        EstimateDocument {
             vehicle: Name::parse("v1").unwrap(),
             boot: "00000000000000ab".to_owned(),
             taken_ns: 1_000_000_000,
             status: Status::DeadReckoning,
-            pose: Some(pose),
+            pose: Some(pose([1.0, -2.0, 3.0])),
             velocity: None,
             covariance: None,
             neighbours: vec![NeighbourDocument {
@@ -149,8 +182,12 @@ mod tests {
                 covariance: None,
             }],
             why: Some("nobody measures".to_owned()),
-        };
-        let page = table(&[estimate], Stamp::from_nanos(1_500_000_000));
+        }
+    }
+
+    #[test]
+    fn the_table_has_a_row_for_each_vehicle_and_each_neighbour_and_says_why() {
+        let page = table(&[estimate()], Stamp::from_nanos(1_500_000_000));
         let lines: Vec<&str> = page.lines().collect();
         assert_eq!(lines.len(), 4, "{page}");
         assert!(
@@ -160,5 +197,36 @@ mod tests {
         );
         assert!(lines[2].starts_with("  sees v2") && lines[2].contains("tracking"));
         assert!(lines[3].contains("nobody measures"));
+        assert!(!page.contains("+-0"), "nobody said how far off it is");
+    }
+
+    #[test]
+    fn beside_each_pose_stands_how_far_off_it_may_be_when_the_estimator_says() {
+        let mut estimate = estimate();
+        estimate.covariance = Some(covariance(0.1, 0.2));
+        estimate.neighbours[0].pose = Some(pose([0.0, 1.0, 0.0]));
+        estimate.neighbours[0].covariance = Some(covariance(0.01, 0.02));
+        let page = table(&[estimate], Stamp::from_nanos(1_500_000_000));
+        let lines: Vec<&str> = page.lines().collect();
+        for (line, sigma_m, sigma_deg) in [
+            (lines[1], "+-0.346", "+-9.92"),
+            (lines[2], "+-0.035", "+-0.99"),
+        ] {
+            for (sigma, title) in [(sigma_m, "+- m"), (sigma_deg, "+- deg")] {
+                let ends = |text: &str, word: &str| text.find(word).map(|at| at + word.len());
+                assert!(line.contains(sigma), "{page}");
+                assert_eq!(ends(line, sigma), ends(lines[0], title), "{page}");
+            }
+        }
+    }
+
+    #[test]
+    fn json_has_the_covariances_as_they_were_published() {
+        let mut estimate = estimate();
+        estimate.covariance = Some(covariance(0.1, 0.2));
+        estimate.neighbours[0].covariance = Some(covariance(0.01, 0.02));
+        let json = crate::queries::json(&[&estimate]);
+        let read: Vec<EstimateDocument> = serde_json::from_slice(&json).unwrap();
+        assert_eq!(read, [estimate]);
     }
 }

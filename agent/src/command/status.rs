@@ -3,8 +3,9 @@
 use super::Ending;
 use super::observer::{Observer, ObserverArgs, WaitArgs};
 use super::output::{plain, print, print_json};
+use super::sigma::plus_minus;
 use crate::queries::About;
-use skein_proto::document::{HealthDocument, NeighbourHealth};
+use skein_proto::document::{HealthDocument, NeighbourHealth, TeamHealth, TeamMemberHealth};
 use skein_proto::name::Name;
 use skein_proto::status::Status;
 use std::collections::BTreeMap;
@@ -80,6 +81,9 @@ fn page(health: &HealthDocument) -> String {
     counters(&mut page, "  rounds skipped", &rounds.skipped);
     counters(&mut page, "  rounds troubled", &rounds.troubled);
     counters(&mut page, "  cut", &rounds.cut);
+    if let Some(team) = &rounds.team {
+        page.push_str(&team_lines(team));
+    }
     for (name, sensor) in &health.sensors {
         let age = sensor
             .age_s
@@ -132,6 +136,65 @@ fn page(health: &HealthDocument) -> String {
     page
 }
 
+/// The estimator of the whole team: what it holds, what it gated, and how far it believes the sensors.
+fn team_lines(team: &TeamHealth) -> String {
+    let mut lines = format!(
+        "  team: {} vehicles, {} poses over {} rounds, {} edges; last round {} new, {} gated; gated {}",
+        team.members,
+        team.poses,
+        team.lag_rounds,
+        team.edges,
+        team.new_edges,
+        team.gated,
+        share(team.gated_total, team.edges_total)
+    );
+    for (count, what) in [
+        (team.left_out, "edges left out for room"),
+        (team.evicted, "members given up for room"),
+        (team.restarts, "times BEGUN AGAIN"),
+    ] {
+        if count > 0 {
+            let _ = write!(lines, ", {count} {what}");
+        }
+    }
+    let position = plus_minus(team.position_sigma_m, 3);
+    let rotation = plus_minus(team.rotation_sigma_rad.map(f64::to_degrees), 2);
+    let scales = team.noise_scales.by_name();
+    let scales = scales.map(|(name, scale)| format!("{name} {scale:.2}"));
+    let _ = writeln!(
+        lines,
+        "\n  own pose: {position} m, {rotation} deg\n  noise scales: {}",
+        scales.join(", ")
+    );
+    lines
+}
+
+/// A part of a whole, in percent.
+fn share(part: u64, whole: u64) -> String {
+    if whole == 0 {
+        return "none of 0".to_owned();
+    }
+    format!("{:.1} % of {whole}", 100.0 * part as f64 / whole as f64)
+}
+
+/// What the estimator of the whole team thinks of a neighbour, behind what is known of it.
+fn member_line(team: &TeamMemberHealth) -> String {
+    let bias = team.gyro_bias_rad_s.map(|rate| format!("{rate:+.4}"));
+    format!(
+        "    team: doubts {:.0} % of its measurements, odometry {:.2} times as far off as stated{}, gyroscope bias ({}) \
+         rad/s, odometer {:+.1} %\n",
+        100.0 * team.doubted_share,
+        team.odometry_ratio,
+        if team.odometry_liar {
+            " and NOT BELIEVED"
+        } else {
+            ""
+        },
+        bias.join(", "),
+        100.0 * team.odometer_scale
+    )
+}
+
 fn neighbour_line(name: &str, neighbour: &NeighbourHealth) -> String {
     let mut line = format!(
         "  neighbour {name}: {}",
@@ -172,12 +235,21 @@ fn neighbour_line(name: &str, neighbour: &NeighbourHealth) -> String {
     if let Some(period_s) = neighbour.other_period_s {
         let _ = write!(line, ", ANOTHER PERIOD: {period_s} s");
     }
+    if neighbour.quarantined {
+        line.push_str(", IN QUARANTINE");
+    }
+    if neighbour.quarantines > 0 {
+        let _ = write!(line, ", quarantined {} times", neighbour.quarantines);
+    }
     let _ = writeln!(
         line,
         ", {} fused{}",
         neighbour.fused,
         refused(&neighbour.refused)
     );
+    if let Some(team) = &neighbour.team {
+        line.push_str(&member_line(team));
+    }
     line
 }
 
@@ -206,7 +278,111 @@ fn listed(counts: &BTreeMap<String, u64>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use skein_proto::document::{ProcessHealth, RoundsHealth};
+    use skein_proto::document::{NoiseScales, ProcessHealth, RoundsHealth};
+
+    fn health(rounds: RoundsHealth, neighbour: NeighbourHealth) -> HealthDocument {
+        HealthDocument {
+            vehicle: Name::parse("v1").unwrap(),
+            boot: "00000000000000ab".to_owned(),
+            taken_ns: 0,
+            uptime_s: 12.0,
+            status: Status::Unplaced,
+            why: Some("nobody is located: give one vehicle a pose".to_owned()),
+            rounds,
+            sensors: BTreeMap::new(),
+            neighbours: BTreeMap::from([("v2".to_owned(), neighbour)]),
+            refused: BTreeMap::new(),
+            namesake_boot: Some("00000000000000cd".to_owned()),
+            process: Some(ProcessHealth::default()),
+        }
+    }
+
+    /// A health of mode `team` with a neighbour whose odometry lies.
+    fn of_a_team() -> HealthDocument {
+        let team = TeamHealth {
+            noise_scales: NoiseScales {
+                odometry_translation: 2.5,
+                ..NoiseScales::default()
+            },
+            lag_rounds: 5,
+            poses: 25,
+            members: 5,
+            edges: 120,
+            new_edges: 20,
+            gated: 3,
+            gated_total: 30,
+            edges_total: 1000,
+            restarts: 1,
+            position_sigma_m: Some(0.034),
+            rotation_sigma_rad: Some(0.01),
+            ..TeamHealth::default()
+        };
+        let member = TeamMemberHealth {
+            doubted_share: 0.25,
+            odometry_ratio: 7.5,
+            gyro_bias_rad_s: [0.0, 0.0, -0.002],
+            odometer_scale: 0.02,
+            odometry_liar: true,
+        };
+        health(
+            RoundsHealth {
+                mode: "team".to_owned(),
+                team: Some(team),
+                ..RoundsHealth::default()
+            },
+            NeighbourHealth {
+                present: true,
+                quarantined: true,
+                quarantines: 2,
+                team: Some(member),
+                ..NeighbourHealth::default()
+            },
+        )
+    }
+
+    #[test]
+    fn the_team_is_summed_up_and_whose_odometry_is_not_believed() {
+        let page = page(&of_a_team());
+        for expected in [
+            "  team: 5 vehicles, 25 poses over 5 rounds, 120 edges; last round 20 new, 3 gated; gated 3.0 % of 1000, \
+             1 times BEGUN AGAIN\n",
+            "  own pose: +-0.034 m, +-0.57 deg\n",
+            "  noise scales: odometry rotation 1.00, odometry translation 2.50, measured rotation 1.00, ",
+            ", IN QUARANTINE, quarantined 2 times, 0 fused\n",
+            "    team: doubts 25 % of its measurements, odometry 7.50 times as far off as stated and NOT BELIEVED, \
+             gyroscope bias (+0.0000, +0.0000, -0.0020) rad/s, odometer +2.0 %\n",
+        ] {
+            assert!(page.contains(expected), "{expected}: {page}");
+        }
+        assert!(!page.contains("for room"), "nothing was: {page}");
+    }
+
+    #[test]
+    fn a_team_without_an_edge_has_no_share() {
+        let mut health = of_a_team();
+        health.rounds.team = Some(TeamHealth::default());
+        let page = page(&health);
+        assert!(page.contains("gated none of 0\n"), "{page}");
+        assert!(page.contains("  own pose: - m, - deg\n"), "{page}");
+    }
+
+    #[test]
+    fn another_mode_says_nothing_of_a_team() {
+        let page =
+            page(&health(RoundsHealth::default(), NeighbourHealth::default())).to_lowercase();
+        assert!(
+            !page.contains("team") && !page.contains("quarantine"),
+            "{page}"
+        );
+    }
+
+    #[test]
+    fn json_has_all_of_a_health() {
+        let published = of_a_team();
+        let json = crate::queries::json(&[&published]);
+        let read: Vec<HealthDocument> = serde_json::from_slice(&json).unwrap();
+        assert_eq!(read, [published]);
+    }
 
     #[test]
     fn the_page_says_why_and_what_was_refused() {
@@ -217,21 +393,7 @@ mod tests {
             duplicate_boots: vec!["000000000000000a".to_owned(), "000000000000000b".to_owned()],
             ..NeighbourHealth::default()
         };
-        let health = HealthDocument {
-            vehicle: Name::parse("v1").unwrap(),
-            boot: "00000000000000ab".to_owned(),
-            taken_ns: 0,
-            uptime_s: 12.0,
-            status: Status::Unplaced,
-            why: Some("nobody is located: give one vehicle a pose".to_owned()),
-            rounds: RoundsHealth::default(),
-            sensors: BTreeMap::new(),
-            neighbours: BTreeMap::from([("v2".to_owned(), neighbour)]),
-            refused: BTreeMap::new(),
-            namesake_boot: Some("00000000000000cd".to_owned()),
-            process: Some(ProcessHealth::default()),
-        };
-        let page = page(&health);
+        let page = page(&health(RoundsHealth::default(), neighbour));
         for expected in [
             "unplaced",
             "give one vehicle a pose",

@@ -46,6 +46,14 @@ pub(crate) fn nth_place(nth: usize) -> Transform<skein_estimation::World, skein_
 
 /// The nth vehicle on a network of its own, with simulated faults obeyed.
 pub(crate) fn settings(fleet: &str, nth: usize, network: NetworkSettings) -> Settings {
+    let mut settings = settings_of(fleet, nth_name(nth).as_str(), network);
+    settings.vehicle.start = Start::Pose(nth_place(nth));
+    settings.faults = Some(FaultSettings { seed: 1 });
+    settings
+}
+
+/// A vehicle of any name on a network of its own. It starts at the origin.
+pub(crate) fn settings_of(fleet: &str, vehicle: &str, network: NetworkSettings) -> Settings {
     let sensor = |text: &str| SensorConfig {
         name: name(text),
         driver: "process".to_owned(),
@@ -54,11 +62,11 @@ pub(crate) fn settings(fleet: &str, nth: usize, network: NetworkSettings) -> Set
     Settings {
         fleet: name(fleet),
         vehicle: Config {
-            vehicle: nth_name(nth),
+            vehicle: name(vehicle),
             boot: new_boot(),
             period: Span::millis(200),
             round_wait: Span::millis(300),
-            start: Start::Pose(nth_place(nth)),
+            start: Start::Pose(Transform::identity()),
             mode: Mode::default(),
             optimiser: Optimiser::default(),
             sensors: SENSORS.map(sensor).to_vec(),
@@ -73,7 +81,7 @@ pub(crate) fn settings(fleet: &str, nth: usize, network: NetworkSettings) -> Set
         log: None,
         checkpoint: None,
         rpc: false,
-        faults: Some(FaultSettings { seed: 1 }),
+        faults: None,
     }
 }
 

@@ -395,6 +395,7 @@ impl Neighbour {
             }),
             quarantined: self.trust.is_quarantined(),
             quarantines: self.counts.quarantines,
+            team: None,
             refused: self.counts.refused.to_document(),
             bytes: self.counts.bytes,
             duplicate_boots: self.duplicate_boots(now),

@@ -291,6 +291,7 @@ impl Vehicle {
                 last_latency_s: self.counts.last_latency.map(Span::as_secs_f64),
                 last_edges: self.counts.last_edges,
                 cut: self.speech.cut.to_document(),
+                team: None,
             },
             sensors: self.sensors.to_document(now),
             neighbours: self

@@ -2,6 +2,7 @@
 //! that stop and start again under new boots, queries right and wrong, forged packets and strangers' tokens.
 
 use super::Footprint;
+use crate::stories::name;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use skein_agent::{Agent, Clock, FaultSettings, FrameSender, NetworkSettings, Settings, new_boot};
@@ -60,10 +61,6 @@ pub struct LiveSample {
     pub tracking: usize,
     /// Agents started beyond the first three.
     pub restarts: u64,
-}
-
-fn name(text: &str) -> Name {
-    Name::parse(text).expect("lower-case letters and digits")
 }
 
 fn nth_name(nth: usize) -> Name {

@@ -2,13 +2,12 @@
 //! come back under new boots, forged packets, tokens of strangers and wrong measurements.
 
 use super::Footprint;
-use crate::stories::{Altered, altered};
+use crate::stories::{Altered, altered, name};
 use rand::seq::IndexedRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use skein_estimation::cooperative::{Mode, Robust};
 use skein_proto::frame::{Frame, RelativeValue};
-use skein_proto::name::Name;
 use skein_simworld::fleet::{Fleet, LoggedValue};
 use skein_simworld::radio::{Burst, Duplicate, Partition, RadioSettings, Reorder};
 use skein_simworld::scenario::Scenario;
@@ -73,10 +72,6 @@ impl Write for Counted {
         self.0 += text.len();
         Ok(())
     }
-}
-
-fn name(text: &str) -> Name {
-    Name::parse(text).expect("lower-case letters and digits")
 }
 
 /// Metres of error in some measurements.

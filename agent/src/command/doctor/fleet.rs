@@ -58,14 +58,18 @@ fn estimate(vehicle: &Name, health: &HealthDocument) -> Finding {
         Status::Unplaced | Status::Lost => {
             Finding::problem(&check, found, "the vehicle does not know where it is", why)
         }
-        Status::Degraded | Status::DeadReckoning | Status::Alone | Status::Resuming => {
-            Finding::warning(
-                &check,
-                found,
-                "the estimate drifts as the odometry does, or is not confirmed",
-                why,
-            )
-        }
+        Status::Degraded => Finding::warning(
+            &check,
+            found,
+            "it is corrected, but may be further off than its covariance says",
+            why,
+        ),
+        Status::DeadReckoning | Status::Alone | Status::Resuming => Finding::warning(
+            &check,
+            found,
+            "the estimate drifts as the odometry does, or is not confirmed",
+            why,
+        ),
     }
 }
 
@@ -420,6 +424,19 @@ mod tests {
         let finding = estimate(&name("v1"), &lost);
         assert_eq!(finding.level, Level::Problem);
         assert_eq!(finding.advice.as_deref(), Some("no odometry for 3 s"));
+    }
+
+    #[test]
+    fn a_degraded_estimate_is_a_warning_not_to_rely_on_its_covariance() {
+        let mut degraded = health(good());
+        degraded.status = Status::Degraded;
+        let finding = estimate(&name("v1"), &degraded);
+        assert_eq!(finding.level, Level::Warning);
+        assert!(
+            finding
+                .means
+                .is_some_and(|means| means.contains("covariance"))
+        );
     }
 
     #[test]

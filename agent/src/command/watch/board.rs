@@ -2,6 +2,7 @@
 
 use crate::command::get::age;
 use crate::command::output::plain;
+use crate::command::sigma;
 use skein_estimation::time::Stamp;
 use skein_proto::document::EstimateDocument;
 use skein_proto::limits::NEIGHBOURS_MAX;
@@ -36,6 +37,8 @@ struct Shown {
     status: Status,
     /// East, north, up in metres, and yaw in degrees.
     pose: Option<([f64; 3], f64)>,
+    /// How far off the position may be, in metres.
+    sigma: String,
     neighbours: Vec<Name>,
     why: Option<String>,
 }
@@ -51,6 +54,7 @@ impl Shown {
                 .pose
                 .as_ref()
                 .map(|pose| (pose.position_m, pose.yaw_pitch_roll_deg[0])),
+            sigma: sigma::position_m(estimate.covariance.as_ref(), 2),
             neighbours: neighbours.map(|neighbour| neighbour.vehicle).collect(),
             why: estimate.why.as_ref().map(why),
         }
@@ -104,7 +108,7 @@ impl Board {
         let row = self.row(vehicle)?;
         row.boot = Some(boot);
         row.vanished = false;
-        Some(format!("{:<14} appeared", vehicle.as_str()))
+        Some(format!("{:<13} appeared", vehicle.as_str()))
     }
 
     /// Takes a token that went; the line that it is worth. An old boot's is worth none.
@@ -114,7 +118,7 @@ impl Board {
             return None;
         }
         row.vanished = true;
-        Some(format!("{:<14} vanished", vehicle.as_str()))
+        Some(format!("{:<13} vanished", vehicle.as_str()))
     }
 
     /// The row of a vehicle. When there is room for no more, one that vanished makes place; else there is none.
@@ -155,10 +159,19 @@ impl Board {
     }
 }
 
+/// Titles of the columns, which fill a terminal of 80 characters up to yaw.
 fn header() -> String {
     format!(
-        "{:<14} {:<14} {:>7} {:>9} {:>9} {:>9} {:>8}  {}",
-        "vehicle", "status", "age s", "x m", "y m", "z m", "yaw deg", "neighbours present; why"
+        "{:<13} {:<14} {:>6} {:>9} {:>9} {:>9} {:>6} {:>7}  {}",
+        "vehicle",
+        "status",
+        "age s",
+        "x m",
+        "y m",
+        "z m",
+        "+- m",
+        "yaw deg",
+        "neighbours present; why"
     )
 }
 
@@ -172,7 +185,7 @@ impl Row {
             } else {
                 "no estimate yet"
             };
-            return format!("{vehicle:<14} {word}");
+            return format!("{vehicle:<13} {word}");
         };
         let status = if self.vanished {
             "vanished"
@@ -180,8 +193,11 @@ impl Row {
             shown.status.words()
         };
         let pose = match shown.pose {
-            Some(([x, y, z], yaw)) => format!("{x:>9.3} {y:>9.3} {z:>9.3} {yaw:>8.2}"),
-            None => format!("{:>9} {:>9} {:>9} {:>8}", "-", "-", "-", "-"),
+            Some(([x, y, z], yaw)) => {
+                let sigma = &shown.sigma;
+                format!("{x:>9.3} {y:>9.3} {z:>9.3} {sigma:>6} {yaw:>7.2}")
+            }
+            None => format!("{:>9} {:>9} {:>9} {:>6} {:>7}", "-", "-", "-", "-", "-"),
         };
         let neighbours: Vec<&str> = shown.neighbours.iter().map(Name::as_str).collect();
         let neighbours = if neighbours.is_empty() {
@@ -194,7 +210,7 @@ impl Row {
             .as_deref()
             .map_or_else(String::new, |why| format!("; {why}"));
         format!(
-            "{vehicle:<14} {status:<14} {:>7} {pose}  {neighbours}{why}",
+            "{vehicle:<13} {status:<14} {:>6} {pose}  {neighbours}{why}",
             age(now, shown.taken_ns)
         )
     }
@@ -204,6 +220,7 @@ impl Row {
 mod tests {
     use super::*;
     use crate::clock::real_now;
+    use crate::command::sigma::tests::covariance;
     use skein_proto::document::{NeighbourDocument, PoseDocument};
 
     const EVERY: Duration = Duration::from_secs(1);
@@ -265,6 +282,27 @@ mod tests {
         ] {
             assert!(line.contains(expected), "{expected}: {line}");
         }
+    }
+
+    #[test]
+    fn a_line_tells_how_far_off_the_position_may_be_when_the_estimator_says() {
+        let mut board = Board::new(Duration::ZERO);
+        let mut told = |covariance| {
+            let published = EstimateDocument {
+                covariance,
+                ..estimate("v1", Status::Tracking, &["v2"])
+            };
+            board.estimate(&published, NOW, real_now()).unwrap()
+        };
+        let (known, unknown) = (told(Some(covariance(0.1, 0.2))), told(None));
+        let ends = |text: &str, word: &str| text.find(word).map(|at| at + word.len());
+        assert_eq!(ends(&known, "+-0.35"), ends(&header(), "+- m"), "{known}");
+        assert_eq!(
+            ends(&known, "90.00"),
+            Some(80),
+            "a terminal has its yaw too"
+        );
+        assert!(unknown.contains("3.000      -   90.00"), "{unknown}");
     }
 
     #[test]

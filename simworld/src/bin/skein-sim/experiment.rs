@@ -1,6 +1,7 @@
 //! `skein-sim experiment ...`: many virtual flights, tables and figures.
 
 use crate::files::write;
+use crate::output::{print, print_json};
 use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use miette::IntoDiagnostic;
@@ -95,15 +96,13 @@ fn modes(arguments: &ModesArguments) -> miette::Result<()> {
         &modes::figure(&results).into_diagnostic()?,
     )?;
     if arguments.json {
-        println!(
-            "{}",
-            serde_json::to_string_pretty(&results).into_diagnostic()?
-        );
-        return Ok(());
+        return print_json(&results);
     }
-    print!("{}", modes::table(&results));
-    println!("\nCSV and SVG files: {}", arguments.output.display());
-    Ok(())
+    print(&format!(
+        "{}\nCSV and SVG files: {}\n",
+        modes::table(&results),
+        arguments.output.display()
+    ))
 }
 
 /// A bar that counts flights.
@@ -149,19 +148,16 @@ fn cooperative(arguments: &CooperativeArguments) -> miette::Result<()> {
         &figure_6.svg,
     )?;
     if arguments.json {
-        println!(
-            "{}",
-            serde_json::to_string_pretty(&results).into_diagnostic()?
-        );
-        return Ok(());
+        return print_json(&results);
     }
-    print!("{}", cooperative::table(&results));
-    println!("\nfigure 6, one realisation, final error of robot 1:");
-    for (kind, error_m) in &figure_6.final_error_m {
-        println!("  {kind:<15} {error_m:.3} m");
-    }
-    println!("\nCSV and SVG files: {}", arguments.output.display());
-    Ok(())
+    let final_errors = figure_6.final_error_m.iter();
+    let final_errors = final_errors.map(|(kind, error_m)| format!("  {kind:<15} {error_m:.3} m\n"));
+    print(&format!(
+        "{}\nfigure 6, one realisation, final error of robot 1:\n{}\nCSV and SVG files: {}\n",
+        cooperative::table(&results),
+        final_errors.collect::<String>(),
+        arguments.output.display()
+    ))
 }
 
 /// A pool of the threads asked for.

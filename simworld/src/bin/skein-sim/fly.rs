@@ -1,6 +1,7 @@
 //! `skein-sim fly`: a scenario live over Zenoh, with agents in this process or in others.
 
 use crate::air::Air;
+use crate::output::{print, print_json};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use miette::{IntoDiagnostic, miette};
@@ -110,12 +111,9 @@ pub(crate) fn run(arguments: &FlyArguments) -> miette::Result<()> {
     let scenario = scenario(arguments)?;
     let result = Flight::prepare(&scenario, arguments)?.fly(&scenario)?;
     if arguments.json {
-        println!(
-            "{}",
-            serde_json::to_string_pretty(&result).into_diagnostic()?
-        );
+        print_json(&result)?;
     } else {
-        print!("{}", table(&result));
+        print(&table(&result))?;
     }
     if result.team_rmse_m.is_none() {
         return Err(miette!(

@@ -1,5 +1,4 @@
 //! `skein-sim`: flies scenarios, runs the papers' experiments and replays recordings.
-#![allow(clippy::print_stdout, reason = "tables are what this program is for")]
 
 #[cfg(feature = "live")]
 mod air;
@@ -8,6 +7,7 @@ mod files;
 #[cfg(feature = "live")]
 mod fly;
 mod mode_name;
+mod output;
 mod replay;
 
 use clap::{Parser, Subcommand};

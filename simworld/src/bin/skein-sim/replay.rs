@@ -2,6 +2,7 @@
 
 use crate::files;
 use crate::mode_name::ModeName;
+use crate::output::{print, print_json};
 use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use miette::{IntoDiagnostic, WrapErr, miette};
@@ -105,24 +106,24 @@ pub(crate) fn run(replay: &Replay) -> miette::Result<()> {
         .ok_or_else(|| miette!("there is nothing to score: no vehicle had an estimate"))?;
     write_files(arguments, &flown, &recorded)?;
     if arguments.json {
-        println!(
-            "{}",
-            serde_json::to_string_pretty(&score).into_diagnostic()?
-        );
+        print_json(&score)?;
     } else {
-        print!("{}", table(&score));
+        print(&table(&score))?;
         if let Some(Assigned {
             readings,
             right,
             dropped,
         }) = score.identities
         {
-            println!(
-                "\nidentities dropped: {right} of {readings} readings ({:.2} %) laid to the right robot, {dropped} to nobody",
+            print(&format!(
+                "\nidentities dropped: {right} of {readings} readings ({:.2} %) laid to the right robot, {dropped} to nobody\n",
                 100.0 * right as f64 / readings.max(1) as f64
-            );
+            ))?;
         }
-        println!("\nTUM and SVG files: {}", arguments.output.display());
+        print(&format!(
+            "\nTUM and SVG files: {}\n",
+            arguments.output.display()
+        ))?;
     }
     Ok(())
 }
