@@ -6,7 +6,7 @@ use skein_estimation::cooperative::{Mode, Optimiser};
 use skein_estimation::time::Span;
 use skein_estimation::transform::Transform;
 use skein_proto::name::Name;
-use skein_vehicle::{Config, Start};
+use skein_vehicle::{Config, Start, ToldPose};
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
@@ -24,13 +24,14 @@ fn started(fleet: &str, vehicle: &str, connect: Vec<String>) -> Agent {
             boot: new_boot(),
             period: Span::millis(200),
             round_wait: Span::millis(300),
-            start: Start::Pose(Transform::identity()),
+            start: Start::Pose(ToldPose::by_hand(Transform::identity())),
             mode: Mode::default(),
             optimiser: Optimiser::default(),
             sensors: Vec::new(),
             body_from_target: Transform::identity(),
             presence_timeout: Span::secs(2),
             repeats: 3,
+            tell_absolute: false,
             estimate_spacing: Span::millis(50),
         },
         drivers: BTreeMap::new(),

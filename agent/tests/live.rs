@@ -15,7 +15,7 @@ use skein_proto::frame::{Frame, OdometryFrame, RelativeFrame, RelativeValue};
 use skein_proto::keys::Key;
 use skein_proto::name::Name;
 use skein_proto::status::Status;
-use skein_vehicle::{Config, SensorConfig, Start};
+use skein_vehicle::{Config, SensorConfig, Start, ToldPose};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -40,13 +40,14 @@ fn settings(fleet: &str, vehicle: &str, clock: Clock, connect: Vec<String>) -> S
             boot: new_boot(),
             period: Span::millis(200),
             round_wait: Span::millis(300),
-            start: Start::Pose(Transform::identity()),
+            start: Start::Pose(ToldPose::by_hand(Transform::identity())),
             mode: Mode::default(),
             optimiser: Optimiser::default(),
             sensors: vec![sensor("odometry"), sensor("tags")],
             body_from_target: Transform::identity(),
             presence_timeout: Span::secs(2),
             repeats: 3,
+            tell_absolute: false,
             estimate_spacing: Span::millis(50),
         },
         drivers: BTreeMap::new(),
@@ -267,10 +268,10 @@ fn two_agents_locate_each_other_and_their_logs_are_repeated_bit_by_bit() {
             (name("tags"), DriverSettings::Frames(poses)),
         ]);
         settings.log = Some(folder.join(format!("{vehicle}.mcap")));
-        settings.vehicle.start = Start::Pose(Transform::new(
+        settings.vehicle.start = Start::Pose(ToldPose::by_hand(Transform::new(
             nalgebra::UnitQuaternion::identity(),
             nalgebra::Vector3::new(0.0, if vehicle == "v1" { 0.0 } else { 1.0 }, 0.0),
-        ));
+        )));
         started(settings)
     };
     let first = fly("v1", "v2", 1.0, vec![]);

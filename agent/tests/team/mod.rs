@@ -13,7 +13,7 @@ use skein_proto::document::NeighbourHealth;
 use skein_proto::frame::{Frame, OdometryFrame, RelativeFrame, RelativeValue};
 use skein_proto::name::Name;
 use skein_proto::status::Status;
-use skein_vehicle::{Config, SensorConfig, Start};
+use skein_vehicle::{Config, SensorConfig, Start, ToldPose};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -58,13 +58,14 @@ pub(crate) fn settings(fleet: &str, nth: usize, network: NetworkSettings) -> Set
             boot: new_boot(),
             period: Span::millis(200),
             round_wait: Span::millis(300),
-            start: Start::Pose(nth_place(nth)),
+            start: Start::Pose(ToldPose::by_hand(nth_place(nth))),
             mode: Mode::default(),
             optimiser: Optimiser::default(),
             sensors: SENSORS.map(sensor).to_vec(),
             body_from_target: Transform::identity(),
             presence_timeout: Span::secs(2),
             repeats: 3,
+            tell_absolute: false,
             estimate_spacing: Span::millis(50),
         },
         drivers: BTreeMap::new(),

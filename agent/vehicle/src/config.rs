@@ -2,10 +2,11 @@
 
 use skein_estimation::cooperative::{Mode, Optimiser};
 use skein_estimation::time::Span;
-use skein_estimation::{Body, Sensor, Transform, World};
+use skein_estimation::{Body, Sensor, Transform};
 use skein_proto::name::Name;
 
 use crate::checkpoint::Checkpoint;
+use crate::told_pose::ToldPose;
 
 /// Everything that makes one vehicle. There are no defaults here: whoever builds it says what it means.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,6 +33,9 @@ pub struct Config {
     pub presence_timeout: Span,
     /// How many earlier rounds each round record repeats.
     pub repeats: usize,
+    /// Whether round records say where the vehicle was told to be and what it fixed of itself, for neighbours that smooth the
+    /// whole team. It takes room from repeated rounds.
+    pub tell_absolute: bool,
     /// Shortest time between two published estimates.
     pub estimate_spacing: Span,
 }
@@ -51,7 +55,7 @@ pub struct SensorConfig {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Start {
     /// The pose at the first odometry.
-    Pose(Transform<World, Body>),
+    Pose(ToldPose),
     /// What a process before this one wrote down: shown with its age until others, or a fix, have placed the vehicle.
     Checkpoint(Checkpoint),
     /// Nothing: others, or a fix, must place this vehicle.
