@@ -20,7 +20,7 @@ use sensor::{RawSensor, check_sensors};
 use serde::Deserialize;
 use skein_estimation::time::{Span, Stamp};
 use skein_proto::name::Name;
-use skein_vehicle::Start;
+use skein_vehicle::{Start, ToldPose};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -101,6 +101,8 @@ struct RawVehicle {
 #[serde(deny_unknown_fields)]
 struct RawStart {
     pose: Option<Spanned<RawPose>>,
+    rotation_sigma_rad: Option<Spanned<f64>>,
+    translation_sigma_m: Option<Spanned<f64>>,
     unknown: Option<Spanned<bool>>,
     checkpoint: Option<Spanned<PathBuf>>,
 }
@@ -199,13 +201,34 @@ impl RawConfig {
 
 impl RawStart {
     fn check(self) -> Checked<Start> {
+        let told = |pose| -> Checked<Start> {
+            Ok(Start::Pose(ToldPose {
+                world_from_body: check_pose(pose)?,
+                rotation_sigma_rad: positive(
+                    self.rotation_sigma_rad.as_ref(),
+                    ToldPose::ROTATION_SIGMA_RAD,
+                    "rotation_sigma_rad",
+                )?,
+                translation_sigma_m: positive(
+                    self.translation_sigma_m.as_ref(),
+                    ToldPose::TRANSLATION_SIGMA_M,
+                    "translation_sigma_m",
+                )?,
+            }))
+        };
+        let sigmas = [&self.rotation_sigma_rad, &self.translation_sigma_m];
+        if let (None, Some(sigma)) = (&self.pose, sigmas.into_iter().flatten().next()) {
+            return Err(Wrong::at(
+                sigma,
+                "[start] says how well a pose is known, but not which",
+                "give pose = { position_m = [..], yaw_pitch_roll_deg = [..] }, or leave the sigmas out",
+            ));
+        }
         match (&self.pose, &self.unknown) {
-            (Some(pose), None) => Ok(Start::Pose(check_pose(pose)?)),
+            (Some(pose), None) => told(pose),
             (None, None) => Ok(Start::Unknown),
             (None, Some(unknown)) if *unknown.get_ref() => Ok(Start::Unknown),
-            (Some(pose), Some(unknown)) if !*unknown.get_ref() => {
-                Ok(Start::Pose(check_pose(pose)?))
-            }
+            (Some(pose), Some(unknown)) if !*unknown.get_ref() => told(pose),
             (_, Some(unknown)) => Err(Wrong::at(
                 unknown,
                 "[start] must say one thing",
@@ -476,6 +499,16 @@ mod tests {
                 "start.pose.yaw_pitch_roll_deg",
             ),
             ("[start]\npose = {}\nunknown = true\n", 5, "start.unknown"),
+            (
+                "[start]\npose = {}\nrotation_sigma_rad = 0\n",
+                5,
+                "start.rotation_sigma_rad",
+            ),
+            (
+                "[start]\ntranslation_sigma_m = 0.1\n",
+                4,
+                "start.translation_sigma_m",
+            ),
             (
                 "[[sensor]]\nname = \"A\"\ndriver = \"zenoh\"\n",
                 4,

@@ -5,9 +5,9 @@ use crate::inbox::Inbox;
 use nalgebra::{Quaternion, UnitQuaternion};
 use serde::{Deserialize, Serialize};
 use skein_proto::document::ErrorDocument;
-use skein_proto::limits::COORDINATE_MAX_M;
+use skein_proto::limits::{COORDINATE_MAX_M, SIGMA_MAX};
 use skein_proto::name::Name;
-use skein_vehicle::Input;
+use skein_vehicle::{Input, ToldPose};
 
 /// How far from one a quaternion's length may be: people write these.
 const QUATERNION_TOLERANCE: f64 = 1e-3;
@@ -27,6 +27,8 @@ struct SetPose {
     position_m: [f64; 3],
     yaw_pitch_roll_deg: Option<[f64; 3]>,
     quaternion_wxyz: Option<[f64; 4]>,
+    rotation_sigma_rad: Option<f64>,
+    translation_sigma_m: Option<f64>,
 }
 
 /// The answer to a wish that was passed on.
@@ -49,18 +51,36 @@ impl Operator {
             let message = format!("there is no @rpc/{verb}; the only one is set_pose");
             return Err(error("unknown_verb", message));
         }
-        let world_from_body = set_pose(payload)?;
-        tracing::info!(?world_from_body, "an operator sets the pose");
-        self.inbox
-            .push(self.clock.now(), Input::SetPose { world_from_body });
+        let told = set_pose(payload)?;
+        tracing::info!(?told, "an operator sets the pose");
+        let Told {
+            world_from_body,
+            rotation_sigma_rad,
+            translation_sigma_m,
+        } = told;
+        let input = Input::SetPose {
+            world_from_body,
+            rotation_sigma_rad,
+            translation_sigma_m,
+        };
+        self.inbox.push(self.clock.now(), input);
         Ok(Accepted { accepted: true })
     }
 }
 
-/// Rotation vector (rad), then translation (m).
-fn set_pose(payload: &[u8]) -> Result<[f64; 6], ErrorDocument> {
+/// A checked wish.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Told {
+    /// Rotation vector (rad), then translation (m).
+    world_from_body: [f64; 6],
+    rotation_sigma_rad: f64,
+    translation_sigma_m: f64,
+}
+
+fn set_pose(payload: &[u8]) -> Result<Told, ErrorDocument> {
     const FORM: &str = "send JSON: {\"position_m\": [x, y, z]} in the common frame, and if it is turned \
-                        \"yaw_pitch_roll_deg\": [..] or \"quaternion_wxyz\": [..]";
+                        \"yaw_pitch_roll_deg\": [..] or \"quaternion_wxyz\": [..]; and how well it is known: \
+                        \"rotation_sigma_rad\", \"translation_sigma_m\"";
     if payload.len() > PAYLOAD_BYTES_MAX {
         return Err(error(
             "too_long",
@@ -99,7 +119,24 @@ fn set_pose(payload: &[u8]) -> Result<[f64; 6], ErrorDocument> {
     };
     let [wx, wy, wz]: [f64; 3] = rotation.scaled_axis().into();
     let [x, y, z] = wish.position_m;
-    Ok([wx, wy, wz, x, y, z])
+    let sigma = |what: &str, given: Option<f64>, otherwise: f64| match given {
+        None => Ok(otherwise),
+        Some(sigma) if sigma > 0.0 && sigma <= SIGMA_MAX => Ok(sigma),
+        Some(_) => Err(out_of_range(what)),
+    };
+    Ok(Told {
+        world_from_body: [wx, wy, wz, x, y, z],
+        rotation_sigma_rad: sigma(
+            "rotation_sigma_rad",
+            wish.rotation_sigma_rad,
+            ToldPose::ROTATION_SIGMA_RAD,
+        )?,
+        translation_sigma_m: sigma(
+            "translation_sigma_m",
+            wish.translation_sigma_m,
+            ToldPose::TRANSLATION_SIGMA_M,
+        )?,
+    })
 }
 
 #[cfg(test)]
@@ -113,11 +150,18 @@ mod tests {
     #[test]
     fn a_pose_is_read_in_either_form() {
         let turned = set_pose(br#"{"position_m": [1, 2, 3], "yaw_pitch_roll_deg": [90, 0, 0]}"#);
-        let [wx, wy, wz, x, y, z] = turned.unwrap();
+        let [wx, wy, wz, x, y, z] = turned.unwrap().world_from_body;
         assert!((wz - std::f64::consts::FRAC_PI_2).abs() < 1e-12 && wx.hypot(wy) < 1e-12);
         assert_eq!([x, y, z], [1.0, 2.0, 3.0]);
         let plain = set_pose(br#"{"position_m": [1, 2, 3], "quaternion_wxyz": [1, 0, 0, 0]}"#);
-        assert_eq!(plain.unwrap(), [0.0, 0.0, 0.0, 1.0, 2.0, 3.0]);
+        let plain = plain.unwrap();
+        assert_eq!(plain.world_from_body, [0.0, 0.0, 0.0, 1.0, 2.0, 3.0]);
+        let sigmas = |told: &Told| (told.rotation_sigma_rad, told.translation_sigma_m);
+        assert_eq!(sigmas(&plain), (0.01, 0.01), "by hand");
+        let surveyed = set_pose(
+            br#"{"position_m": [1, 2, 3], "rotation_sigma_rad": 0.1, "translation_sigma_m": 0.002}"#,
+        );
+        assert_eq!(sigmas(&surveyed.unwrap()), (0.1, 0.002));
     }
 
     #[test]
@@ -125,6 +169,10 @@ mod tests {
         assert_eq!(code("up"), "malformed");
         assert_eq!(code(r#"{"position": [1, 2, 3]}"#), "malformed");
         assert_eq!(code(r#"{"position_m": [1e9, 2, 3]}"#), "out_of_range");
+        assert_eq!(
+            code(r#"{"position_m": [1, 2, 3], "translation_sigma_m": 0}"#),
+            "out_of_range"
+        );
         assert_eq!(
             code(r#"{"position_m": [1, 2, 3], "quaternion_wxyz": [2, 0, 0, 0]}"#),
             "not_unit"

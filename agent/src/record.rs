@@ -16,7 +16,7 @@ use skein_estimation::transform::Transform;
 use skein_proto::document::QueueHealth;
 use skein_proto::keys::boot_text;
 use skein_proto::name::Name;
-use skein_vehicle::{Checkpoint, Config, Input, Output, PacketKey, SensorConfig, Start};
+use skein_vehicle::{Checkpoint, Config, Input, Output, PacketKey, SensorConfig, Start, ToldPose};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufWriter;
@@ -28,7 +28,7 @@ use std::thread::JoinHandle;
 /// Steps that wait for the disk at most: some seconds of a busy vehicle.
 const STEPS_MAX: usize = 8_192;
 /// The name of this form of log.
-pub(crate) const FORMAT: &str = "skein-log 2";
+pub(crate) const FORMAT: &str = "skein-log 3";
 /// The metadata record and the channels.
 pub(crate) const METADATA: &str = "skein";
 pub(crate) const INPUT: &str = "input";
@@ -128,7 +128,11 @@ type Pose = ([f64; 4], [f64; 3]);
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 enum StartRecord {
-    Pose(Pose),
+    Pose {
+        world_from_body: Pose,
+        rotation_sigma_rad: f64,
+        translation_sigma_m: f64,
+    },
     Checkpoint(Vec<u8>),
     Unknown,
 }
@@ -171,7 +175,11 @@ impl Header {
             period_ns: config.period.as_nanos(),
             round_wait_ns: config.round_wait.as_nanos(),
             start: match &config.start {
-                Start::Pose(pose) => StartRecord::Pose(record_pose(pose)),
+                Start::Pose(told) => StartRecord::Pose {
+                    world_from_body: record_pose(&told.world_from_body),
+                    rotation_sigma_rad: told.rotation_sigma_rad,
+                    translation_sigma_m: told.translation_sigma_m,
+                },
                 Start::Checkpoint(checkpoint) => {
                     StartRecord::Checkpoint(checkpoint.encode(config.vehicle).to_vec())
                 }
@@ -198,7 +206,15 @@ impl Header {
             period: Span::from_nanos(self.period_ns),
             round_wait: Span::from_nanos(self.round_wait_ns),
             start: match &self.start {
-                StartRecord::Pose(pose) => Start::Pose(read_pose(pose)),
+                StartRecord::Pose {
+                    world_from_body,
+                    rotation_sigma_rad,
+                    translation_sigma_m,
+                } => Start::Pose(ToldPose {
+                    world_from_body: read_pose(world_from_body),
+                    rotation_sigma_rad: *rotation_sigma_rad,
+                    translation_sigma_m: *translation_sigma_m,
+                }),
                 StartRecord::Checkpoint(bytes) => Checkpoint::decode(self.vehicle, bytes)
                     .map_or(Start::Unknown, Start::Checkpoint),
                 StartRecord::Unknown => Start::Unknown,

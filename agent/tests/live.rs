@@ -212,10 +212,10 @@ fn two_agents_locate_each_other_and_their_logs_are_repeated_bit_by_bit() {
             (name("tags"), DriverSettings::Frames(poses)),
         ]);
         settings.log = Some(folder.join(format!("{vehicle}.mcap")));
-        settings.vehicle.start = Start::Pose(Transform::new(
+        settings.vehicle.start = Start::Pose(ToldPose::by_hand(Transform::new(
             nalgebra::UnitQuaternion::identity(),
             nalgebra::Vector3::new(0.0, if vehicle == "v1" { 0.0 } else { 1.0 }, 0.0),
-        ));
+        )));
         started(settings)
     };
     let first = fly("v1", "v2", 1.0, vec![]);

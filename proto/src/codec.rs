@@ -10,6 +10,11 @@ pub trait Body: Serialize + DeserializeOwned {
     const BYTES_MAX: usize;
     /// Refuses numbers that are not finite or outside their range, and lists over their bound.
     fn check(&self) -> Result<(), DecodeError>;
+    /// How many fields were appended since a minor version. Each is an option or a list, whose absent form is one zero
+    /// byte: a body of that version is read as if so many zeros followed it.
+    fn appended_since(_minor: u8) -> usize {
+        0
+    }
 }
 
 /// Why bytes were refused.
@@ -158,6 +163,14 @@ pub fn decode<B: Body>(packet: &[u8]) -> Result<(Envelope, B), DecodeError> {
             bytes: body.len() - announced,
         });
     }
+    let appended = B::appended_since(envelope.minor);
+    let completed;
+    let body = if appended == 0 {
+        body
+    } else {
+        completed = [body, &vec![0; appended]].concat();
+        &completed
+    };
     let (value, rest) = postcard::take_from_bytes::<B>(body).map_err(|_| DecodeError::Malformed)?;
     // A newer minor version may append fields; from anybody else they are a mistake or an attack.
     let from_newer = envelope.minor > VERSION_MINOR;

@@ -16,6 +16,8 @@ pub const ECHOES_PER_RECORD_MAX: usize = 4;
 pub const ROUNDS_PER_RECORD_MAX: usize = 8;
 /// Measurements in one round of a record.
 pub const MEASURED_PER_ROUND_MAX: usize = 16;
+/// Absolute fixes in one record, those of repeated rounds included.
+pub const FIXES_PER_RECORD_MAX: usize = 8;
 /// Neighbours in one estimate.
 pub const NEIGHBOURS_MAX: usize = 32;
 /// Ranges or anonymous bearings in one driver frame.
@@ -30,5 +32,8 @@ pub const UNIT_TOLERANCE: f64 = 1e-6;
 pub const SPEED_MAX_M_S: f64 = 1e4;
 /// Largest angular rate, in rad/s.
 pub const RATE_MAX_RAD_S: f64 = 1e3;
+/// Largest number of a covariance growth: a year of poor odometry (0.1 rad and 1 m, 400 times a second) at the edge of the
+/// world gathers less.
+pub const GROWTH_MAX: f64 = 1e24;
 /// Largest standard deviation, in radians or metres.
 pub const SIGMA_MAX: f64 = 1e6;

@@ -1,12 +1,16 @@
 //! The round record: raw information of one vehicle for everybody, so that each can estimate for itself.
 //!
-//! Cumulative odometry with its covariance growth, what was measured in the round, and the last rounds repeated:
-//! a lost packet loses nothing. It holds no estimate.
+//! Cumulative odometry with its covariance growth, what was measured in the round, where the sender was told to be, and
+//! the last rounds repeated: a lost packet loses nothing. It holds no estimate.
 
+use crate::anchor::Anchor;
 use crate::check;
 use crate::codec::{Body, DecodeError};
+use crate::fixed::Fixed;
+use crate::growth::Growth;
 use crate::limits::{
-    ECHOES_PER_RECORD_MAX, MEASURED_PER_ROUND_MAX, PACKET_BYTES_MAX, ROUNDS_PER_RECORD_MAX,
+    ECHOES_PER_RECORD_MAX, FIXES_PER_RECORD_MAX, MEASURED_PER_ROUND_MAX, PACKET_BYTES_MAX,
+    ROUNDS_PER_RECORD_MAX,
 };
 use crate::measured::Measured;
 use serde::{Deserialize, Serialize};
@@ -30,6 +34,10 @@ pub struct RoundRecord {
     pub echoes: Vec<PeerEcho>,
     /// The newest round first, then as many of the rounds before it as fit.
     pub rounds: Vec<Round>,
+    /// Where the sender was told that it was; absent when nobody told it, and in most records. Since version 1.1.
+    pub anchor: Option<Anchor>,
+    /// Absolute fixes of the rounds above, newest first. Since version 1.1.
+    pub fixes: Vec<RoundFix>,
 }
 
 /// One round: where odometry says the sender was, and what it measured.
@@ -47,16 +55,13 @@ pub struct Round {
     pub measured: Vec<Addressed>,
 }
 
-/// Additive covariance of cumulative odometry, in the odometry frame (rotation first).
+/// An absolute fix together with its round.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Growth {
-    /// The driver gave no noise.
-    Unknown,
-    /// Isotropic increments: `a, b[3], upper triangle of M[6], c` with
-    /// `Sigma_ww = a I`, `Sigma_vw = [b]x`, `Sigma_vv = tr(M) I - M + c I`.
-    Isotropic([f64; 11]),
-    /// Any increments: the upper triangle of the 6 x 6 matrix, row by row.
-    Full([f64; 21]),
+pub struct RoundFix {
+    /// Which round, as [`Round::back`]; it is in the record.
+    pub back: u8,
+    /// The fix.
+    pub fix: Fixed,
 }
 
 /// A measurement together with whom it is of.
@@ -110,18 +115,33 @@ impl Body for RoundRecord {
         }
         check::at_most("echoes", &self.echoes, ECHOES_PER_RECORD_MAX)?;
         check::at_most("rounds", &self.rounds, ROUNDS_PER_RECORD_MAX)?;
-        self.rounds.iter().try_for_each(Round::check)
+        self.rounds.iter().try_for_each(Round::check)?;
+        self.anchor.iter().try_for_each(Anchor::check)?;
+        check::at_most("fixes", &self.fixes, FIXES_PER_RECORD_MAX)?;
+        self.fixes.iter().try_for_each(|fix| self.check_fix(fix))
+    }
+    fn appended_since(minor: u8) -> usize {
+        // The anchor and the fixes.
+        if minor < 1 { 2 } else { 0 }
+    }
+}
+
+impl RoundRecord {
+    fn check_fix(&self, fix: &RoundFix) -> Result<(), DecodeError> {
+        if self.rounds.iter().any(|round| round.back == fix.back) {
+            fix.fix.check()
+        } else {
+            Err(DecodeError::OutOfRange {
+                field: "fixes: back",
+            })
+        }
     }
 }
 
 impl Round {
     fn check(&self) -> Result<(), DecodeError> {
         check::pose("odometry", &self.odometry_from_body)?;
-        match &self.growth {
-            Growth::Unknown => {}
-            Growth::Isotropic(numbers) => check::finite("growth", numbers)?,
-            Growth::Full(numbers) => check::finite("growth", numbers)?,
-        }
+        self.growth.check("growth")?;
         check::at_most("measured", &self.measured, MEASURED_PER_ROUND_MAX)?;
         self.measured
             .iter()

@@ -2,20 +2,28 @@
 #![allow(clippy::unwrap_used)]
 
 use proptest::prelude::*;
+use skein_proto::VERSION_MINOR;
+use skein_proto::anchor::Anchor;
 use skein_proto::codec::{Body, DecodeError, decode, encode};
 use skein_proto::envelope::{ENVELOPE_BYTES, Envelope};
 use skein_proto::estimate::{Covariance, Estimate, NeighbourEstimate, Velocity};
 use skein_proto::exchange::{Echo, Exchange};
+use skein_proto::fixed::Fixed;
 use skein_proto::frame::{
     BearingsFrame, FixFrame, FixValue, Frame, ImuFrame, OdometryFrame, RangesFrame, RelativeFrame,
     RelativeValue, TargetRange,
 };
+use skein_proto::growth::Growth;
+use skein_proto::limits::FIXES_PER_RECORD_MAX;
 use skein_proto::measured::{Measured, MeasuredValue};
 use skein_proto::name::Name;
-use skein_proto::record::{Addressed, Growth, PeerEcho, Round, RoundRecord, Schedule};
+use skein_proto::record::{Addressed, PeerEcho, Round, RoundFix, RoundRecord, Schedule};
 use skein_proto::status::Status;
 
-const GOLDEN: &str = include_str!("golden/messages.hex");
+/// As version 1.0 said them.
+const GOLDEN_1_0: &str = include_str!("golden/messages.hex");
+/// Packets as version 1.1 says them; frames have no minor version.
+const GOLDEN_1_1: &str = include_str!("golden/messages-1-1.hex");
 
 fn envelope() -> Envelope {
     Envelope {
@@ -134,6 +142,50 @@ fn record() -> RoundRecord {
             round(1, Growth::Full(upper), vec![]),
             round(2, Growth::Unknown, vec![]),
         ],
+        anchor: None,
+        fixes: vec![],
+    }
+}
+
+fn record_with_absolute_information() -> RoundRecord {
+    let growth = Growth::Isotropic(std::array::from_fn(|i| i as f64 * 0.125));
+    let fix = |back, fix| RoundFix { back, fix };
+    RoundRecord {
+        anchor: Some(Anchor {
+            taken_ns: 1_799_999_999_900_000_000,
+            segment: 1,
+            odometry_from_body: [0.0, 0.0, 0.1, 0.5, 0.0, 0.0],
+            growth,
+            world_from_body: POSE,
+            rotation_sigma_rad: 0.01,
+            translation_sigma_m: 0.02,
+        }),
+        fixes: vec![
+            fix(
+                0,
+                Fixed::Pose {
+                    world_from_body: POSE,
+                    rotation_sigma_rad: 0.02,
+                    translation_sigma_m: 1.5,
+                },
+            ),
+            fix(
+                0,
+                Fixed::Position {
+                    position_m: [5.0, 6.0, 1.0],
+                    point_m: [0.3, 0.0, 0.1],
+                    sigma_m: 0.5,
+                },
+            ),
+            fix(
+                2,
+                Fixed::Orientation {
+                    rotation_vector_rad: [0.0, 0.0, 1.0],
+                    sigma_rad: 0.1,
+                },
+            ),
+        ],
+        ..record()
     }
 }
 
@@ -290,8 +342,17 @@ fn unhex(text: &str) -> Vec<u8> {
         .collect()
 }
 
-fn current() -> Vec<(&'static str, Vec<u8>)> {
-    let mut all = vec![
+/// The bytes of a line of golden text.
+fn bytes_of(golden: &str, wanted: &str) -> Vec<u8> {
+    let line = golden
+        .lines()
+        .find(|line| line.split(": ").next() == Some(wanted))
+        .unwrap();
+    unhex(line.split(": ").nth(1).unwrap())
+}
+
+fn packets() -> Vec<(&'static str, Vec<u8>)> {
+    vec![
         (
             "exchange with one pose",
             encode(envelope(), &exchange_with_one_pose()).unwrap(),
@@ -306,59 +367,134 @@ fn current() -> Vec<(&'static str, Vec<u8>)> {
         ),
         ("round record", encode(envelope(), &record()).unwrap()),
         ("estimate", encode(envelope(), &estimate()).unwrap()),
-    ];
-    all.extend(
-        frames()
-            .into_iter()
-            .map(|(name, frame)| (name, frame.encode())),
-    );
-    all
+        (
+            "round record with absolute information",
+            encode(envelope(), &record_with_absolute_information()).unwrap(),
+        ),
+    ]
 }
 
 #[test]
 fn no_golden_byte_has_changed() {
-    let text: String = current()
-        .iter()
-        .map(|(name, bytes)| format!("{name}: {}\n", hex(bytes)))
-        .collect();
-    assert_eq!(
-        text, GOLDEN,
-        "the wire format changed; what is pinned may only be appended to"
-    );
+    let text = |messages: Vec<(&str, Vec<u8>)>| -> String {
+        messages
+            .iter()
+            .map(|(name, bytes)| format!("{name}: {}\n", hex(bytes)))
+            .collect()
+    };
+    const CHANGED: &str = "the wire format changed; what is pinned may only be appended to";
+    assert_eq!(text(packets()), GOLDEN_1_1, "{CHANGED}");
+    let frames = frames().into_iter();
+    let frames = text(frames.map(|(name, frame)| (name, frame.encode())).collect());
+    assert!(GOLDEN_1_0.ends_with(&frames), "{CHANGED}");
+}
+
+#[test]
+fn a_packet_of_the_version_before_differs_by_what_was_appended_only() {
+    for (name, appended) in [
+        ("exchange with one pose", 0),
+        ("exchange of a restarted vehicle", 0),
+        ("exchange with three kinds", 0),
+        ("round record", 2),
+        ("estimate", 0),
+    ] {
+        let mut before = bytes_of(GOLDEN_1_0, name);
+        before[1] = VERSION_MINOR;
+        before.extend(vec![0; appended]);
+        let body_bytes = u16::try_from(before.len() - ENVELOPE_BYTES).unwrap();
+        before[2..4].copy_from_slice(&body_bytes.to_le_bytes());
+        assert_eq!(hex(&before), hex(&bytes_of(GOLDEN_1_1, name)), "{name}");
+    }
+}
+
+#[test]
+fn a_record_of_the_version_before_has_all_its_own_fields_and_nothing_behind_them() {
+    let before = bytes_of(GOLDEN_1_0, "round record");
+    let with_body = |body: &[u8]| {
+        let mut packet = [&before[..ENVELOPE_BYTES], body].concat();
+        let body_bytes = u16::try_from(body.len()).unwrap();
+        packet[2..4].copy_from_slice(&body_bytes.to_le_bytes());
+        decode::<RoundRecord>(&packet).map(|(_, record)| record)
+    };
+    let body = &before[ENVELOPE_BYTES..];
+    assert_eq!(with_body(body), Ok(record()));
+    // The last byte is a list without entries, which a zero of the absent fields could be taken for.
+    for cut in 1..=4 {
+        let cut = with_body(&body[..body.len() - cut]);
+        assert_eq!(cut, Err(DecodeError::Malformed));
+    }
+    let trailing = |bytes| Err(DecodeError::Trailing { bytes });
+    assert_eq!(with_body(&[body, &[0]].concat()), trailing(1));
+    assert_eq!(with_body(&[body, &[0, 0]].concat()), trailing(2));
 }
 
 #[test]
 fn golden_bytes_decode_to_what_was_encoded() {
-    let bytes_of = |wanted: &str| {
-        let line = GOLDEN
-            .lines()
-            .find(|line| line.split(": ").next() == Some(wanted))
-            .unwrap();
-        unhex(line.split(": ").nth(1).unwrap())
-    };
-    let (head, exchange) = decode::<Exchange>(&bytes_of("exchange with one pose")).unwrap();
+    for golden in [GOLDEN_1_0, GOLDEN_1_1] {
+        let bytes_of = |wanted| bytes_of(golden, wanted);
+        let (head, exchange) = decode::<Exchange>(&bytes_of("exchange with one pose")).unwrap();
+        assert_eq!(
+            (head.sequence, head.boot, head.taken_ns),
+            (7, envelope().boot, envelope().taken_ns)
+        );
+        assert_eq!(exchange, exchange_with_one_pose());
+        assert_eq!(
+            decode::<Exchange>(&bytes_of("exchange with three kinds"))
+                .unwrap()
+                .1,
+            exchange_with_three_kinds()
+        );
+        assert_eq!(
+            decode::<RoundRecord>(&bytes_of("round record")).unwrap().1,
+            record()
+        );
+        assert_eq!(
+            decode::<Estimate>(&bytes_of("estimate")).unwrap().1,
+            estimate()
+        );
+    }
+    let absolute = bytes_of(GOLDEN_1_1, "round record with absolute information");
     assert_eq!(
-        (head.sequence, head.boot, head.taken_ns),
-        (7, envelope().boot, envelope().taken_ns)
-    );
-    assert_eq!(exchange, exchange_with_one_pose());
-    assert_eq!(
-        decode::<Exchange>(&bytes_of("exchange with three kinds"))
-            .unwrap()
-            .1,
-        exchange_with_three_kinds()
-    );
-    assert_eq!(
-        decode::<RoundRecord>(&bytes_of("round record")).unwrap().1,
-        record()
-    );
-    assert_eq!(
-        decode::<Estimate>(&bytes_of("estimate")).unwrap().1,
-        estimate()
+        decode::<RoundRecord>(&absolute).unwrap().1,
+        record_with_absolute_information()
     );
     for (name, frame) in frames() {
-        assert_eq!(Frame::decode(&bytes_of(name)).unwrap(), frame);
+        assert_eq!(Frame::decode(&bytes_of(GOLDEN_1_0, name)).unwrap(), frame);
     }
+}
+
+#[test]
+fn a_fix_belongs_to_a_round_of_its_record_and_their_number_is_bounded() {
+    let wrong = |change: fn(&mut RoundRecord)| {
+        let mut record = record_with_absolute_information();
+        change(&mut record);
+        encode(envelope(), &record).map_err(|error| error.0)
+    };
+    let out_of_range = |field| Err(DecodeError::OutOfRange { field });
+    assert_eq!(
+        wrong(|record| record.fixes[2].back = 3),
+        out_of_range("fixes: back")
+    );
+    let many = wrong(|record| record.fixes = vec![record.fixes[2]; FIXES_PER_RECORD_MAX + 1]);
+    assert_eq!(
+        many,
+        Err(DecodeError::TooMany {
+            field: "fixes",
+            count: 9,
+            max: 8
+        })
+    );
+    let certain = wrong(|record| record.anchor.as_mut().unwrap().rotation_sigma_rad = 0.0);
+    assert_eq!(certain, out_of_range("anchor: rotation sigma"));
+    let nowhere = wrong(|record| {
+        record.fixes[1].fix = Fixed::Position {
+            position_m: [f64::NAN; 3],
+            point_m: [0.0; 3],
+            sigma_m: 1.0,
+        };
+    });
+    let field = "fixed position";
+    assert_eq!(nowhere, Err(DecodeError::NotFinite { field }));
 }
 
 #[test]
@@ -376,7 +512,10 @@ fn another_major_version_is_refused_before_its_body_is_read() {
     packet[40] = 0xff;
     assert_eq!(
         decode::<Exchange>(&packet),
-        Err(DecodeError::Version { major: 2, minor: 0 })
+        Err(DecodeError::Version {
+            major: 2,
+            minor: VERSION_MINOR
+        })
     );
 }
 
@@ -395,7 +534,7 @@ fn bytes_behind_a_known_body_are_accepted_from_a_newer_minor_version_only() {
         Err(DecodeError::Trailing { bytes: 1 }),
         "inside the body, same version"
     );
-    packet[1] = 1;
+    packet[1] = VERSION_MINOR + 1;
     assert_eq!(
         decode::<Exchange>(&packet).unwrap().1,
         exchange_with_one_pose()
@@ -451,12 +590,12 @@ proptest! {
 
     #[test]
     fn no_mutation_of_a_packet_makes_decoding_panic(
-        which in 0..5usize,
+        which in 0..6usize,
         flips in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8),
         cut in any::<prop::sample::Index>(),
         shorten in any::<bool>(),
     ) {
-        let mut packet = current()[which].1.clone();
+        let mut packet = packets()[which].1.clone();
         for (at, byte) in flips {
             let at = at.index(packet.len());
             packet[at] = byte;

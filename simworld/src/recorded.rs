@@ -19,7 +19,7 @@ use skein_estimation::time::Span;
 use skein_proto::document::EstimateDocument;
 use skein_proto::frame::{FixFrame, FixValue, Frame, OdometryFrame, RelativeFrame, RelativeValue};
 use skein_proto::name::Name;
-use skein_vehicle::{Config, SensorConfig, Start};
+use skein_vehicle::{Config, SensorConfig, Start, ToldPose};
 
 /// Length of one odometry increment, made from the commands that held in it.
 const ODOMETRY_NS: i64 = 50_000_000;
@@ -339,7 +339,7 @@ impl Stage for Recorded {
             boot,
             period: Span::from_nanos(PERIOD_NS),
             round_wait: Span::from_nanos(PERIOD_NS / 2 * 3),
-            start: Start::Pose(transform(&self.starts[vehicle])),
+            start: Start::Pose(ToldPose::exact(transform(&self.starts[vehicle]))),
             mode: self.mode,
             optimiser: Optimiser::gauss_newton(),
             sensors: vec![sensor(ODOMETRY), sensor(CAMERA)],

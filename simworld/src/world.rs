@@ -13,7 +13,7 @@ use skein_estimation::time::Span;
 use skein_estimation::{Body, Sensor, Transform};
 use skein_proto::frame::{Frame, OdometryFrame, RelativeFrame, RelativeValue};
 use skein_proto::name::Name;
-use skein_vehicle::{Config, SensorConfig};
+use skein_vehicle::{Config, SensorConfig, ToldPose};
 
 /// UNIX time of the start of the motion, on a clock that is not ahead: some day in 2027.
 const EPOCH_NS: i64 = 1_800_000_000_000_000_000;
@@ -256,7 +256,8 @@ impl Stage for World {
             round_wait: Span::from_nanos(self.period_ns / 2 * 3),
             start: match entry.start {
                 Start::Pose => {
-                    skein_vehicle::Start::Pose(transform(&entry.trajectory.pose_at(0.0)))
+                    let place = transform(&entry.trajectory.pose_at(0.0));
+                    skein_vehicle::Start::Pose(ToldPose::exact(place))
                 }
                 Start::Unknown => skein_vehicle::Start::Unknown,
             },

@@ -7,9 +7,10 @@ use skein_proto::codec::{Body, decode, encode};
 use skein_proto::envelope::{ENVELOPE_BYTES, Envelope};
 use skein_proto::exchange::{Echo, Exchange};
 use skein_proto::frame::{Frame, RelativeFrame, RelativeValue};
+use skein_proto::growth::Growth;
 use skein_proto::measured::{Measured, MeasuredValue};
 use skein_proto::name::Name;
-use skein_proto::record::{Addressed, Growth, PeerEcho, Round, RoundRecord};
+use skein_proto::record::{Addressed, PeerEcho, Round, RoundRecord};
 use skein_proto::status::Status;
 use std::hint::black_box;
 use std::time::Duration;
@@ -82,6 +83,8 @@ fn record() -> RoundRecord {
             4
         ],
         rounds: vec![round(0, 4), round(1, 4)],
+        anchor: None,
+        fixes: vec![],
     }
 }
 

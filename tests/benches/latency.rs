@@ -12,7 +12,7 @@ use skein_proto::document::EstimateDocument;
 use skein_proto::frame::{Frame, OdometryFrame};
 use skein_proto::keys::Key;
 use skein_proto::name::Name;
-use skein_vehicle::{Config, SensorConfig, Start};
+use skein_vehicle::{Config, SensorConfig, Start, ToldPose};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 use zenoh::qos::CongestionControl;
@@ -30,7 +30,7 @@ fn agent(clock: Clock) -> Agent {
         boot: new_boot(),
         period: Span::millis(200),
         round_wait: Span::millis(300),
-        start: Start::Pose(Transform::identity()),
+        start: Start::Pose(ToldPose::by_hand(Transform::identity())),
         mode: Mode::default(),
         optimiser: Optimiser::default(),
         sensors: vec![SensorConfig {

@@ -14,8 +14,9 @@ use skein_proto::document::{EstimateDocument, HealthDocument};
 use skein_proto::envelope::Envelope;
 use skein_proto::exchange::{Echo, Exchange};
 use skein_proto::frame::{Frame, OdometryFrame};
+use skein_proto::growth::Growth;
 use skein_proto::measured::{Measured, MeasuredValue};
-use skein_proto::record::{Growth, PeerEcho, Round, RoundRecord};
+use skein_proto::record::{PeerEcho, Round, RoundRecord};
 use skein_proto::status::Status;
 use skein_simworld::fleet::{Fleet, LoggedValue};
 use skein_simworld::radio::Radio;
@@ -23,7 +24,7 @@ use skein_simworld::scenario::Scenario;
 use skein_simworld::stage::Stage;
 use skein_simworld::world::{World, nanos};
 use skein_tests::stories::{built_in, name};
-use skein_vehicle::{Config, Input, Output, PacketKey, SensorConfig, Start, Vehicle};
+use skein_vehicle::{Config, Input, Output, PacketKey, SensorConfig, Start, ToldPose, Vehicle};
 use std::collections::BTreeMap;
 
 /// The round of every scenario here, 0.2 s.
@@ -225,6 +226,8 @@ impl Puppet {
             schedule: None,
             echoes: self.heard.map(echo).into_iter().collect(),
             rounds: (0..4).map(round).collect(),
+            anchor: None,
+            fixes: Vec::new(),
         };
         [
             (
@@ -260,7 +263,7 @@ impl Stand {
             boot: 1,
             period: Span::millis(200),
             round_wait: Span::millis(300),
-            start: Start::Pose(Transform::identity()),
+            start: Start::Pose(ToldPose::by_hand(Transform::identity())),
             mode: Mode::default(),
             optimiser: Optimiser::gauss_newton(),
             sensors: vec![SensorConfig {

@@ -76,6 +76,7 @@ fn the_agents_of_the_test_bed_fit_its_world() {
             panic!("{name} has no start pose");
         };
         let truth = vehicle.trajectory.pose_at(0.0);
+        let start = start.world_from_body;
         let apart_m = (start.translation - truth.translation.vector).norm();
         let turned_rad = start.rotation.angle_to(&truth.rotation);
         assert!(

@@ -18,7 +18,7 @@ use skein_simworld::scenario::Scenario;
 use skein_simworld::stage::Stage;
 use skein_simworld::world::{Delivery, World, nanos, numbers};
 use skein_tests::stories::{altered, name};
-use skein_vehicle::{Config, Input};
+use skein_vehicle::{Config, Input, ToldPose};
 use std::collections::BTreeMap;
 
 const SEED: u64 = 1;
@@ -581,6 +581,8 @@ fn a_vehicle_whose_odometry_jumps_is_quarantined_and_readmitted_when_it_is_told_
             let newest_ns = now_ns.div_euclid(PERIOD_NS) * PERIOD_NS;
             Some(Input::SetPose {
                 world_from_body: numbers(&world.pose(liar.0, newest_ns)),
+                rotation_sigma_rad: ToldPose::ROTATION_SIGMA_RAD,
+                translation_sigma_m: ToldPose::TRANSLATION_SIGMA_M,
             })
         };
         let lies = format!("odometry of {} jumps by 8 m", liar.name());

@@ -6,18 +6,22 @@ use rand::seq::IndexedRandom;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use skein_estimation::time::{Span, Stamp};
+use skein_proto::anchor::Anchor;
 use skein_proto::codec::{self, decode};
 use skein_proto::document::{EstimateDocument, HealthDocument};
 use skein_proto::envelope::Envelope;
 use skein_proto::estimate::Estimate;
 use skein_proto::exchange::{Echo, Exchange};
+use skein_proto::fixed::Fixed;
 use skein_proto::frame::{
     FixFrame, FixValue, Frame, OdometryFrame, RangesFrame, RelativeFrame, RelativeValue,
     TargetRange,
 };
+use skein_proto::growth::Growth;
+use skein_proto::limits::GROWTH_MAX;
 use skein_proto::measured::{Measured, MeasuredValue};
 use skein_proto::name::Name;
-use skein_proto::record::{Addressed, Growth, PeerEcho, Round, RoundRecord, Schedule};
+use skein_proto::record::{Addressed, PeerEcho, Round, RoundFix, RoundRecord, Schedule};
 use skein_proto::status::Status;
 use skein_simworld::fleet::{Fleet, LoggedValue};
 use skein_simworld::scenario::Scenario;
@@ -514,7 +518,7 @@ fn extreme_packet(now: Stamp, envelope: Envelope, from: Name, rng: &mut ChaCha8R
         growth: if rng.random() {
             Growth::Unknown
         } else {
-            Growth::Isotropic([f64::MAX; 11])
+            Growth::Isotropic([GROWTH_MAX; 11])
         },
         measured: (0..each)
             .map(|_| Addressed {
@@ -523,6 +527,25 @@ fn extreme_packet(now: Stamp, envelope: Envelope, from: Name, rng: &mut ChaCha8R
             })
             .collect(),
     };
+    let rounds: Vec<Round> = (0..rounds).map(|_| round(rng)).collect();
+    let sigma_f32 = |rng: &mut _| sigma(rng) as f32;
+    let fixes = rounds.first().map(|round| RoundFix {
+        back: round.back,
+        fix: Fixed::Pose {
+            world_from_body: pose(rng),
+            rotation_sigma_rad: sigma_f32(rng),
+            translation_sigma_m: sigma_f32(rng),
+        },
+    });
+    let anchor = rng.random_bool(0.3).then(|| Anchor {
+        taken_ns: stamp_ns(now, rng),
+        segment: 255,
+        odometry_from_body: pose(rng),
+        growth: Growth::Isotropic([GROWTH_MAX; 11]),
+        world_from_body: pose(rng),
+        rotation_sigma_rad: sigma_f32(rng),
+        translation_sigma_m: sigma_f32(rng),
+    });
     let record = RoundRecord {
         sent_ns,
         period_us: *[0, 1, 200_000, u32::MAX].choose(rng).unwrap(),
@@ -543,7 +566,9 @@ fn extreme_packet(now: Stamp, envelope: Envelope, from: Name, rng: &mut ChaCha8R
             };
             4
         ],
-        rounds: (0..rounds).map(|_| round(rng)).collect(),
+        rounds,
+        anchor,
+        fixes: fixes.into_iter().collect(),
     };
     match codec::encode(envelope, &record) {
         Ok(bytes) => Input::Packet {

@@ -17,7 +17,7 @@ use skein_simworld::scenario::Scenario;
 use skein_simworld::stage::Stage;
 use skein_simworld::world::nanos;
 use skein_tests::stories::{name, neighbour};
-use skein_vehicle::{Config, Input, Output, PacketKey, Start, Vehicle};
+use skein_vehicle::{Config, Input, Output, PacketKey, Start, ToldPose, Vehicle};
 use std::collections::BTreeMap;
 
 /// The one whose name is borne twice, and the one who bears it too.
@@ -190,9 +190,8 @@ fn a_process_that_is_started_again_at_once_under_a_lingering_token_is_no_duplica
             ..RadioSettings::default()
         });
         fleet.run_until(killed_ns + nanos(0.1));
-        let start = Start::Pose(skein_simworld::world::transform(
-            &fleet.stage().pose(VICTIM, fleet.now_ns()),
-        ));
+        let place = skein_simworld::world::transform(&fleet.stage().pose(VICTIM, fleet.now_ns()));
+        let start = Start::Pose(ToldPose::exact(place));
         fleet.restart(VICTIM, start);
         let boot = boot_text(fleet.config(VICTIM).boot);
         let mut known_ns = None;
@@ -260,7 +259,7 @@ fn a_recording_played_again_changes_nothing_and_is_counted_to_the_last_packet() 
         // The recorded process is gone; v1 is started again too, and has never heard of it.
         let start = |fleet: &Fleet, vehicle| {
             let pose = fleet.stage().pose(vehicle, fleet.now_ns());
-            Start::Pose(skein_simworld::world::transform(&pose))
+            Start::Pose(ToldPose::exact(skein_simworld::world::transform(&pose)))
         };
         for vehicle in [VICTIM, 0] {
             fleet.kill(vehicle);

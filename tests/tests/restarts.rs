@@ -145,6 +145,15 @@ fn a_vehicle_alone_goes_on_resuming_and_writes_no_new_checkpoint() {
     );
 }
 
+/// An operator who stands beside the vehicle with a tape measure.
+const fn set_pose(world_from_body: [f64; 6]) -> Input {
+    Input::SetPose {
+        world_from_body,
+        rotation_sigma_rad: 0.02,
+        translation_sigma_m: 0.05,
+    }
+}
+
 #[test]
 fn an_operator_s_word_places_one_vehicle_and_it_places_the_others() {
     let unplaced = |index, config| Config {
@@ -155,7 +164,7 @@ fn an_operator_s_word_places_one_vehicle_and_it_places_the_others() {
     fleet.run_until(nanos(3.0));
     assert!((0..4).all(|vehicle| status(&fleet, vehicle) == Status::Unplaced));
     let world_from_body = numbers(&fleet.stage().pose(2, nanos(3.0)));
-    fleet.give(2, Input::SetPose { world_from_body });
+    fleet.give(2, set_pose(world_from_body));
     for vehicle in 0..4 {
         until(&mut fleet, vehicle, Status::Tracking, 2.0);
         let error_m = fleet.position_error_m(vehicle);
@@ -164,7 +173,7 @@ fn an_operator_s_word_places_one_vehicle_and_it_places_the_others() {
     // A word that is no pose is counted and changes nothing.
     let before = fleet.estimate(2).unwrap().pose;
     let world_from_body = [f64::NAN, 0.0, 0.0, 1.0, 2.0, 3.0];
-    fleet.give(2, Input::SetPose { world_from_body });
+    fleet.give(2, set_pose(world_from_body));
     assert_eq!(fleet.estimate(2).unwrap().pose, before);
     fleet.run_s(1.1);
     assert_eq!(fleet.health(2).unwrap().refused.get("set_pose"), Some(&1));

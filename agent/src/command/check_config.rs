@@ -217,7 +217,12 @@ fn listed(texts: &[String], none: &str) -> String {
 
 fn start(start: &Start) -> String {
     match start {
-        Start::Pose(at) => pose(at),
+        Start::Pose(told) => format!(
+            "{}, give or take {:?} rad and {:?} m",
+            pose(&told.world_from_body),
+            told.rotation_sigma_rad,
+            told.translation_sigma_m
+        ),
         Start::Checkpoint(checkpoint) => {
             format!("checkpoint, {}", pose(&checkpoint.world_from_body))
         }

@@ -13,7 +13,7 @@ use skein_proto::document::NeighbourHealth;
 use skein_proto::frame::{Frame, OdometryFrame, RelativeFrame, RelativeValue};
 use skein_proto::name::Name;
 use skein_proto::status::Status;
-use skein_vehicle::{Config, SensorConfig, Start};
+use skein_vehicle::{Config, SensorConfig, Start, ToldPose};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -47,7 +47,7 @@ pub(crate) fn nth_place(nth: usize) -> Transform<skein_estimation::World, skein_
 /// The nth vehicle on a network of its own, with simulated faults obeyed.
 pub(crate) fn settings(fleet: &str, nth: usize, network: NetworkSettings) -> Settings {
     let mut settings = settings_of(fleet, nth_name(nth).as_str(), network);
-    settings.vehicle.start = Start::Pose(nth_place(nth));
+    settings.vehicle.start = Start::Pose(ToldPose::by_hand(nth_place(nth)));
     settings.faults = Some(FaultSettings { seed: 1 });
     settings
 }
@@ -66,7 +66,7 @@ pub(crate) fn settings_of(fleet: &str, vehicle: &str, network: NetworkSettings) 
             boot: new_boot(),
             period: Span::millis(200),
             round_wait: Span::millis(300),
-            start: Start::Pose(Transform::identity()),
+            start: Start::Pose(ToldPose::by_hand(Transform::identity())),
             mode: Mode::default(),
             optimiser: Optimiser::default(),
             sensors: SENSORS.map(sensor).to_vec(),

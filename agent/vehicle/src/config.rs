@@ -2,10 +2,11 @@
 
 use skein_estimation::cooperative::{Mode, Optimiser};
 use skein_estimation::time::Span;
-use skein_estimation::{Body, Sensor, Transform, World};
+use skein_estimation::{Body, Sensor, Transform};
 use skein_proto::name::Name;
 
 use crate::checkpoint::Checkpoint;
+use crate::told_pose::ToldPose;
 
 /// Everything that makes one vehicle. There are no defaults here: whoever builds it says what it means.
 #[derive(Clone, Debug, PartialEq)]
@@ -51,7 +52,7 @@ pub struct SensorConfig {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Start {
     /// The pose at the first odometry.
-    Pose(Transform<World, Body>),
+    Pose(ToldPose),
     /// What a process before this one wrote down: shown with its age until others, or a fix, have placed the vehicle.
     Checkpoint(Checkpoint),
     /// Nothing: others, or a fix, must place this vehicle.

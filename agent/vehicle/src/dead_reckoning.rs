@@ -11,8 +11,10 @@ use skein_proto::estimate::Velocity;
 use skein_proto::frame::OdometryFrame;
 use skein_proto::name::Name;
 
+use crate::anchor::Anchor;
 use crate::config::Start;
 use crate::refused::Refused;
+use crate::told_pose::ToldPose;
 use crate::translate;
 
 /// Increments that miss or overlap each other by no more than this follow each other.
@@ -27,6 +29,8 @@ pub(crate) struct DeadReckoning {
     source: Option<Name>,
     start: Start,
     correction: Option<Correction>,
+    /// Where it was told to be, in the present segment.
+    anchor: Option<Anchor>,
     velocity: Option<BodyVelocity>,
     interrupted: Option<Span>,
     /// The clock was set back by so much since the newest odometry.
@@ -79,6 +83,7 @@ impl DeadReckoning {
             source: None,
             start,
             correction: None,
+            anchor: None,
             velocity: None,
             interrupted: None,
             set_back: None,
@@ -117,6 +122,7 @@ impl DeadReckoning {
         let set_back = self.set_back.take();
         if let Some(lost) = set_back.or((gap > BRIDGE_MAX).then_some(gap)) {
             segment = segment.wrapping_add(1);
+            self.anchor = None;
             self.interrupted = Some(lost);
         } else if gap > SEAM_MAX {
             // The speed that comes after the gap is taken for the speed within; all of that motion may be wrong.
@@ -158,7 +164,7 @@ impl DeadReckoning {
         };
         self.track.insert(point);
         match self.start {
-            Start::Pose(world_from_body) => self.correct(&point, world_from_body),
+            Start::Pose(told) => self.be_told(&point, told),
             Start::Checkpoint(checkpoint) => {
                 self.lay(&point, checkpoint.world_from_body, Footing::Resumed);
             }
@@ -168,11 +174,21 @@ impl DeadReckoning {
     }
 
     /// The vehicle is here now: at the newest odometry, or at the first when none has come.
-    pub(crate) fn set_pose(&mut self, world_from_body: Transform<World, Body>) {
+    pub(crate) fn set_pose(&mut self, told: ToldPose) {
         match self.newest().copied() {
-            Some(newest) => self.correct(&newest, world_from_body),
-            None => self.start = Start::Pose(world_from_body),
+            Some(newest) => self.be_told(&newest, told),
+            None => self.start = Start::Pose(told),
         }
+    }
+
+    fn be_told(&mut self, point: &OdometryPoint, told: ToldPose) {
+        self.anchor = Some(Anchor::new(*point, told, self.anchor.as_ref()));
+        self.correct(point, told.world_from_body);
+    }
+
+    /// Where the vehicle was told to be, while odometry goes on from there.
+    pub(crate) const fn anchor(&self) -> Option<&Anchor> {
+        self.anchor.as_ref()
     }
 
     /// Nobody knows how the vehicle moves for so long: what odometry comes next does not go on from what came before.
@@ -264,6 +280,7 @@ pub(crate) fn motion(to: &OdometryPoint, from: &OdometryPoint) -> Option<Transfo
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::checkpoint::Checkpoint;
     use nalgebra::UnitQuaternion;
 
     fn increment(since_ms: i64, taken_ms: i64, forward_m: f64) -> OdometryFrame {
@@ -282,7 +299,7 @@ mod tests {
 
     fn started() -> DeadReckoning {
         let start = Transform::new(UnitQuaternion::identity(), Vector3::new(10.0, 0.0, 0.0));
-        DeadReckoning::new(Start::Pose(start))
+        DeadReckoning::new(Start::Pose(ToldPose::exact(start)))
     }
 
     fn x(reckoning: &DeadReckoning) -> f64 {
@@ -327,6 +344,53 @@ mod tests {
     }
 
     #[test]
+    fn the_anchor_is_where_the_vehicle_was_told_to_be_until_odometry_is_interrupted() {
+        let mut reckoning = started();
+        let add = |reckoning: &mut DeadReckoning, since_ms, taken_ms| {
+            let frame = increment(since_ms, taken_ms, 1.0);
+            let added = reckoning.add(wheels(), &Transform::identity(), &frame);
+            added.unwrap();
+        };
+        assert_eq!(reckoning.anchor(), None, "no odometry yet to tie it to");
+        add(&mut reckoning, 0, 100);
+        let anchor = *reckoning.anchor().unwrap();
+        assert_eq!(anchor.point.taken, Stamp::default());
+        assert!((anchor.told.world_from_body.translation.x - 10.0).abs() < 1e-12);
+        let newest = *reckoning.newest().unwrap();
+        reckoning.correct(&newest, Transform::identity());
+        assert_eq!(reckoning.anchor(), Some(&anchor), "an estimate is none");
+
+        let there = ToldPose::by_hand(Transform::identity());
+        reckoning.set_pose(there);
+        let told = *reckoning.anchor().unwrap();
+        assert_eq!((told.point, told.told), (newest, there));
+        reckoning.set_pose(there);
+        let again = reckoning.anchor().unwrap().point.taken;
+        assert!(again > newest.taken, "others know it by its time");
+
+        add(&mut reckoning, 2_000, 2_100);
+        assert_eq!(reckoning.anchor(), None);
+    }
+
+    #[test]
+    fn a_vehicle_that_resumes_or_is_placed_by_others_has_no_anchor() {
+        let checkpoint = Checkpoint {
+            boot: 1,
+            taken: Stamp::default(),
+            world_from_body: Transform::identity(),
+        };
+        for start in [Start::Unknown, Start::Checkpoint(checkpoint)] {
+            let mut reckoning = DeadReckoning::new(start);
+            let frame = increment(0, 100, 1.0);
+            let added = reckoning.add(wheels(), &Transform::identity(), &frame);
+            added.unwrap();
+            let newest = *reckoning.newest().unwrap();
+            reckoning.correct(&newest, Transform::identity());
+            assert_eq!(reckoning.anchor(), None);
+        }
+    }
+
+    #[test]
     fn overlapping_odometry_and_a_second_source_are_refused() {
         let mut reckoning = started();
         reckoning
@@ -341,7 +405,7 @@ mod tests {
 
     #[test]
     fn odometry_of_a_sensor_beside_the_body_turns_about_the_body() {
-        let mut reckoning = DeadReckoning::new(Start::Pose(Transform::identity()));
+        let mut reckoning = DeadReckoning::new(Start::Pose(ToldPose::exact(Transform::identity())));
         let mount = Transform::new(UnitQuaternion::identity(), Vector3::new(0.0, 1.0, 0.0));
         // A quarter turn about the body's origin moves a sensor at (0, 1) to (-1, 0): in its own frame by (-1, -1).
         let quarter = std::f64::consts::FRAC_PI_2;

@@ -9,6 +9,7 @@ use skein_proto::record::RoundRecord;
 use skein_proto::status::Status;
 
 use crate::clock::{FourStamps, PeerStamp};
+use crate::heard_rounds::{HeardAnchor, HeardRound};
 use crate::input::PacketKey;
 use crate::neighbours::{EXCHANGES_MAX, HeardExchange, Neighbour, Neighbours};
 use crate::refused::Refused;
@@ -199,10 +200,22 @@ impl Listener<'_> {
             if boot.is_before_step(instant) {
                 continue;
             }
-            boot.track.insert(translate::odometry_point(
-                round,
-                instant.on_its_own_clock(),
-            )?);
+            let point = translate::odometry_point(round, instant.on_its_own_clock())?;
+            boot.track.insert(point);
+            if !boot.rounds.knows(instant) {
+                let fixes = record.fixes.iter().filter(|fix| fix.back == round.back);
+                let fixes = fixes.map(|fix| fix.fix).collect();
+                boot.rounds.insert(HeardRound::new(instant, round, fixes)?);
+            }
+        }
+        if let Some(anchor) = &record.anchor {
+            let taken = PeerStamp::from_nanos(anchor.taken_ns);
+            if taken.since(newest) > AHEAD_MAX {
+                return Err(Refused::FromTheFuture);
+            }
+            if !boot.is_before_step(taken) {
+                boot.rounds.tell(HeardAnchor::new(anchor)?);
+            }
         }
         Ok(())
     }
@@ -299,5 +312,232 @@ fn plausible(taken_ns: i64, sent_ns: i64) -> Result<PeerStamp, Refused> {
         age if age < Span::ZERO => Err(Refused::FromTheFuture),
         age if age > CONTENT_AGE_MAX => Err(Refused::TooLate),
         _ => Ok(taken),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::ECHOES_MIN;
+    use crate::rounds::Rounds;
+    use skein_proto::anchor::Anchor;
+    use skein_proto::codec;
+    use skein_proto::fixed::Fixed;
+    use skein_proto::growth::Growth;
+    use skein_proto::record::{Round, RoundFix};
+
+    const PERIOD: Span = Span::millis(200);
+    /// A variance that no other number of a packet is.
+    const VARIANCE: f64 = 0.123_456_789;
+    const FIX: Fixed = Fixed::Position {
+        position_m: [1.0, 2.0, 3.0],
+        point_m: [0.0; 3],
+        sigma_m: 0.5,
+    };
+
+    fn name(text: &str) -> Name {
+        Name::parse(text).unwrap()
+    }
+
+    fn at(millis: i64) -> Stamp {
+        Stamp::default() + Span::millis(millis)
+    }
+
+    /// A vehicle that hears v2, whose clock it knows: it is the same.
+    struct Hearer {
+        neighbours: Neighbours,
+        sent: SentStamps,
+    }
+
+    impl Hearer {
+        fn new() -> Self {
+            let mut neighbours = Neighbours::default();
+            let boot = neighbours.entry(name("v2")).unwrap().boot(7);
+            for _ in 0..ECHOES_MIN {
+                boot.observe(FourStamps {
+                    sent: at(0),
+                    heard: PeerStamp::from_nanos(0),
+                    echoed: PeerStamp::from_nanos(0),
+                    received: at(0),
+                });
+            }
+            Self {
+                neighbours,
+                sent: SentStamps::default(),
+            }
+        }
+
+        fn hear(&mut self, now: Stamp, bytes: &[u8]) {
+            let rounds = Rounds::new(now, PERIOD, PERIOD);
+            let listener = Listener {
+                me: name("v1"),
+                boot: 1,
+                period: PERIOD,
+                horizon: rounds.horizon(now),
+                sent: &self.sent,
+            };
+            let key = PacketKey::Odometry { from: name("v2") };
+            let heard = listener.hear(now, &mut self.neighbours, key, bytes);
+            assert_eq!(heard, Ok(None));
+        }
+
+        fn neighbour(&self) -> &Neighbour {
+            self.neighbours.get(name("v2")).unwrap()
+        }
+
+        fn rounds(&self) -> Vec<HeardRound> {
+            let usable = self.neighbour().usable().unwrap();
+            usable.rounds.iter().cloned().collect()
+        }
+    }
+
+    fn round(back: u8, metres: f64, growth: Growth) -> Round {
+        Round {
+            back,
+            segment: 0,
+            odometry_from_body: [0.0, 0.0, 0.0, metres, 0.0, 0.0],
+            growth,
+            measured: vec![],
+        }
+    }
+
+    fn isotropic() -> Growth {
+        Growth::Isotropic([VARIANCE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5])
+    }
+
+    /// The record of the round that ends at `millis`.
+    fn record(millis: i64, rounds: Vec<Round>) -> RoundRecord {
+        RoundRecord {
+            sent_ns: at(millis).as_nanos(),
+            period_us: 200_000,
+            status: Status::Tracking.code(),
+            body_from_target: None,
+            schedule: None,
+            echoes: vec![],
+            rounds,
+            anchor: None,
+            fixes: vec![],
+        }
+    }
+
+    fn packet(sequence: u32, record: &RoundRecord) -> Vec<u8> {
+        let envelope = Envelope {
+            major: 0,
+            minor: 0,
+            body_bytes: 0,
+            sequence,
+            boot: 7,
+            sender: name("v2").hash(),
+            taken_ns: record.sent_ns,
+        };
+        codec::encode(envelope, record).unwrap()
+    }
+
+    #[test]
+    fn raw_rounds_are_kept_as_they_were_told_and_a_repeat_changes_nothing() {
+        let mut hearer = Hearer::new();
+        let mut first = record(
+            400,
+            vec![round(0, 2.0, isotropic()), round(1, 1.0, Growth::Unknown)],
+        );
+        first.fixes = vec![RoundFix { back: 1, fix: FIX }];
+        hearer.hear(at(400), &packet(1, &first));
+        let heard = hearer.rounds();
+        let seen = |round: &HeardRound| {
+            let point = &round.point;
+            let x = point.odometry_from_body.translation.x;
+            (point.taken, x, round.growth_known, round.fixes.clone())
+        };
+        assert_eq!(
+            heard.iter().map(seen).collect::<Vec<_>>(),
+            [
+                (at(200), 1.0, false, vec![FIX]),
+                (at(400), 2.0, true, vec![])
+            ]
+        );
+        let growths = heard.iter().map(|round| round.point.growth.rotation);
+        assert_eq!(growths.collect::<Vec<_>>(), [0.0, VARIANCE]);
+
+        let other = Growth::Full([1.0; 21]);
+        let mut again = record(600, vec![round(0, 3.0, other), round(1, 99.0, other)]);
+        again.fixes = vec![RoundFix { back: 1, fix: FIX }];
+        hearer.hear(at(600), &packet(2, &again));
+        let more = hearer.rounds();
+        assert_eq!(more[..2], heard);
+        assert_eq!((more.len(), more[2].growth_known), (3, false));
+        assert_eq!(
+            more[2].point.growth,
+            skein_estimation::odometry::Growth::zero()
+        );
+    }
+
+    #[test]
+    fn an_anchor_of_the_future_is_refused_and_the_newest_one_of_the_past_is_kept() {
+        let mut hearer = Hearer::new();
+        let mut hear = |sequence, taken_ms: i64| {
+            let mut record = record(2_000, vec![]);
+            record.anchor = Some(Anchor {
+                taken_ns: at(taken_ms).as_nanos(),
+                segment: 0,
+                odometry_from_body: [0.0; 6],
+                growth: isotropic(),
+                world_from_body: [0.0, 0.0, 0.0, 5.0, 0.0, 0.0],
+                rotation_sigma_rad: 0.1,
+                translation_sigma_m: 0.1,
+            });
+            hearer.hear(at(2_000), &packet(sequence, &record));
+            let anchor = hearer.neighbour().usable().unwrap().rounds.anchor();
+            anchor.map(|anchor| anchor.point.taken)
+        };
+        assert_eq!(hear(1, 3_001), None);
+        assert_eq!(hear(2, 1_500), Some(at(1_500)));
+        assert_eq!(hear(3, 1_400), Some(at(1_500)));
+        assert_eq!(hear(4, 9_000), Some(at(1_500)));
+        let refused = &hearer.neighbour().counts.refused;
+        assert_eq!(refused.to_document()["from_the_future"], 2);
+    }
+
+    #[test]
+    fn a_growth_that_cannot_be_is_refused_with_its_whole_record() {
+        let mut hearer = Hearer::new();
+        let bytes = packet(1, &record(400, vec![round(0, 2.0, isotropic())]));
+        let honest = VARIANCE.to_le_bytes();
+        let found = bytes.windows(8).position(|window| window == honest);
+        let variance_at = found.unwrap();
+        for impossible in [-VARIANCE, 1e25, f64::NAN, f64::INFINITY] {
+            let mut bytes = bytes.clone();
+            bytes[variance_at..variance_at + 8].copy_from_slice(&impossible.to_le_bytes());
+            hearer.hear(at(400), &bytes);
+        }
+        assert!(
+            hearer.neighbour().usable().is_none(),
+            "not even listened to"
+        );
+        let refused = hearer.neighbour().counts.refused.to_document();
+        assert_eq!((refused["out_of_range"], refused["not_finite"]), (2, 2));
+        hearer.hear(at(400), &bytes);
+        assert_eq!(hearer.rounds().len(), 1);
+    }
+
+    #[test]
+    fn raw_rounds_are_forgotten_when_a_clock_steps() {
+        let mut hearer = Hearer::new();
+        hearer.hear(
+            at(400),
+            &packet(1, &record(400, vec![round(0, 2.0, isotropic())])),
+        );
+        assert_eq!(hearer.rounds().len(), 1);
+        let boot = hearer.neighbours.entry(name("v2")).unwrap().boot(7);
+        for millis in [500, 600] {
+            let ahead = PeerStamp::from_nanos(at(millis + 5_000).as_nanos());
+            boot.observe(FourStamps {
+                sent: at(millis),
+                heard: ahead,
+                echoed: ahead,
+                received: at(millis),
+            });
+        }
+        assert_eq!(boot.clock.steps(), 1);
+        assert_eq!(boot.rounds.iter().count(), 0);
     }
 }

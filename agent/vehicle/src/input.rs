@@ -41,6 +41,10 @@ pub enum Input {
     SetPose {
         /// `world_from_body`: rotation vector (rad), then translation (m).
         world_from_body: [f64; 6],
+        /// How well the operator knows its rotation: standard deviation per axis (rad).
+        rotation_sigma_rad: f64,
+        /// How well the operator knows its translation: standard deviation per axis (m).
+        translation_sigma_m: f64,
     },
 }
 

@@ -15,6 +15,7 @@ use skein_proto::status::Status;
 use crate::clock::{FourStamps, Observed, PeerClock, PeerStamp};
 use crate::counters::{Counters, Rate};
 use crate::duplicates::{BOOTS_MAX, HANDOVER, Life, Namesakes, SILENCE};
+use crate::heard_rounds::HeardRounds;
 use crate::refused::Refused;
 use crate::sequence::Sequences;
 use crate::trust::Trust;
@@ -94,6 +95,8 @@ pub(crate) struct Boot {
     pub(crate) body_from_target: Transform<Body, Sensor>,
     /// Its odometry, on its own clock.
     pub(crate) track: Track,
+    /// Its raw rounds, on its own clock.
+    pub(crate) rounds: HeardRounds,
     /// What it said of each of *our* rounds.
     pub(crate) exchanges: BTreeMap<i64, HeardExchange>,
     /// The last of our rounds that one of its instants was laid to.
@@ -418,6 +421,7 @@ impl Boot {
             period: None,
             body_from_target: Transform::identity(),
             track: Track::new(),
+            rounds: HeardRounds::default(),
             exchanges: BTreeMap::new(),
             last_round: None,
         }
@@ -450,6 +454,7 @@ impl Boot {
         if self.clock.observe(stamps) == Observed::Stepped {
             self.stepped_at = Some(stamps.echoed);
             self.track = Track::new();
+            self.rounds = HeardRounds::default();
             self.exchanges.clear();
             self.last_round = None;
         }

@@ -361,6 +361,7 @@ fn kind(value: &MeasuredValue) -> std::mem::Discriminant<MeasuredValue> {
 mod tests {
     use super::*;
     use crate::config::Start;
+    use crate::told_pose::ToldPose;
     use skein_proto::frame::OdometryFrame;
 
     fn at(millis: i64) -> Stamp {
@@ -373,7 +374,7 @@ mod tests {
 
     /// One metre a second forward until `until_ms`.
     fn driving(until_ms: i64) -> DeadReckoning {
-        let mut reckoning = DeadReckoning::new(Start::Pose(Transform::identity()));
+        let mut reckoning = DeadReckoning::new(Start::Pose(ToldPose::exact(Transform::identity())));
         for start in (0..until_ms).step_by(100) {
             let frame = OdometryFrame {
                 since_ns: start * 1_000_000,

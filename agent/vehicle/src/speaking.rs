@@ -8,11 +8,15 @@ use skein_proto::codec::{self, Body as _};
 use skein_proto::envelope::Envelope;
 use skein_proto::estimate::Estimate;
 use skein_proto::exchange::Exchange;
-use skein_proto::limits::{ECHOES_PER_RECORD_MAX, MEASURED_PER_ROUND_MAX, ROUNDS_PER_RECORD_MAX};
+use skein_proto::fixed::Fixed;
+use skein_proto::limits::{
+    ECHOES_PER_RECORD_MAX, FIXES_PER_RECORD_MAX, MEASURED_PER_ROUND_MAX, ROUNDS_PER_RECORD_MAX,
+};
 use skein_proto::name::Name;
-use skein_proto::record::{self, Addressed, PeerEcho, RoundRecord};
+use skein_proto::record::{self, Addressed, PeerEcho, RoundFix, RoundRecord};
 use skein_proto::status::Status;
 
+use crate::anchor::Anchor;
 use crate::counters::Counters;
 use crate::input::PacketKey;
 use crate::neighbours::Neighbours;
@@ -23,6 +27,10 @@ use crate::translate;
 pub(crate) const PARTNERS_MAX: usize = 16;
 /// How often neighbours who measure nothing of us are told our prior.
 const GREETING_EVERY: Span = Span::secs(1);
+/// In so many rounds at first the record carries a new anchor.
+const ANCHOR_AT_FIRST_ROUNDS: u64 = 10;
+/// In one of so many it does so later.
+const ANCHOR_EVERY_ROUNDS: u64 = 5;
 /// Stamps of sent packets that an echo may name.
 const SENT_STAMPS_MAX: usize = 1024;
 /// How long an echo may take.
@@ -52,6 +60,14 @@ impl SentStamps {
     }
 }
 
+/// One of this vehicle's last rounds, as it is said to everybody.
+#[derive(Clone, Debug)]
+struct SaidRound {
+    index: i64,
+    round: record::Round,
+    fixes: Vec<Fixed>,
+}
+
 /// This vehicle's voice.
 #[derive(Clone, Debug)]
 pub(crate) struct Speech {
@@ -65,7 +81,9 @@ pub(crate) struct Speech {
     records: u32,
     estimates: u32,
     echo_turn: usize,
-    rounds: VecDeque<(i64, record::Round)>,
+    rounds: VecDeque<SaidRound>,
+    /// The anchor that was last told of, by its time, and in how many rounds so far.
+    anchor: Option<(Stamp, u64)>,
     pub(crate) sent: SentStamps,
     /// What was left out because a bound was reached.
     pub(crate) cut: Counters,
@@ -93,6 +111,7 @@ impl Speech {
             estimates: 0,
             echo_turn: 0,
             rounds: VecDeque::new(),
+            anchor: None,
             sent: SentStamps::default(),
             cut: Counters::default(),
         }
@@ -159,8 +178,10 @@ impl Speech {
         round: &Round,
         status: Status,
         neighbours: &Neighbours,
+        anchor: Option<&Anchor>,
     ) -> Option<(PacketKey, Vec<u8>)> {
         self.remember(round, neighbours);
+        let anchor = anchor.filter(|anchor| self.is_due(anchor));
         let mut record = RoundRecord {
             sent_ns: now.as_nanos(),
             period_us: u32::try_from(self.period.as_micros_rounded()).unwrap_or(u32::MAX),
@@ -169,20 +190,31 @@ impl Speech {
             schedule: None,
             echoes: self.echoes(now, neighbours),
             rounds: Vec::new(),
+            anchor: anchor.copied().map(Anchor::to_wire),
+            fixes: Vec::new(),
         };
-        for (index, known) in self.rounds.iter().rev().take(self.repeats + 1) {
-            let Ok(back) = u8::try_from(round.index - index) else {
+        for known in self.rounds.iter().rev().take(self.repeats + 1) {
+            let Ok(back) = u8::try_from(round.index - known.index) else {
                 break;
             };
             record.rounds.push(record::Round {
                 back,
-                ..known.clone()
+                ..known.round.clone()
             });
+            let fixes = known.fixes.iter();
+            record
+                .fixes
+                .extend(fixes.map(|fix| RoundFix { back, fix: *fix }));
         }
+        let too_many = record.fixes.len().saturating_sub(FIXES_PER_RECORD_MAX);
+        self.cut.add("fixes", too_many as u64);
+        record.fixes.truncate(FIXES_PER_RECORD_MAX);
         while codec::body_bytes(&record) > RoundRecord::BYTES_MAX {
-            // Repeated rounds go first, then the measurements of the farthest.
-            if record.rounds.len() > 1 {
-                record.rounds.pop();
+            // Repeated rounds go first, with their fixes, then the measurements of the farthest.
+            if record.rounds.len() > 1
+                && let Some(repeated) = record.rounds.pop()
+            {
+                record.fixes.retain(|fix| fix.back != repeated.back);
                 self.cut.count("repeated_rounds");
             } else if record
                 .rounds
@@ -246,10 +278,38 @@ impl Speech {
                 .map(|(_, addressed)| addressed)
                 .collect(),
         };
-        self.rounds.push_back((round.index, entry));
+        let fixes = self.fixed(round);
+        self.rounds.push_back(SaidRound {
+            index: round.index,
+            round: entry,
+            fixes,
+        });
         if self.rounds.len() > ROUNDS_PER_RECORD_MAX {
             self.rounds.pop_front();
         }
+    }
+
+    /// What was fixed in a round, as others are told.
+    fn fixed(&mut self, round: &Round) -> Vec<Fixed> {
+        let mut fixes = Vec::new();
+        for fix in &round.fixes {
+            match translate::fold_fix(&fix.value, &fix.body_from_sensor) {
+                Ok(fixed) if fixes.len() < FIXES_PER_RECORD_MAX => fixes.push(fixed),
+                Ok(_) | Err(_) => self.cut.count("fixes"),
+            }
+        }
+        fixes
+    }
+
+    /// Whether the record of this round says where the vehicle was told to be: often at first, then now and then, for
+    /// those who come later.
+    fn is_due(&mut self, anchor: &Anchor) -> bool {
+        let rounds = match self.anchor {
+            Some((taken, rounds)) if taken == anchor.point.taken => rounds,
+            _ => 0,
+        };
+        self.anchor = Some((anchor.point.taken, rounds + 1));
+        rounds < ANCHOR_AT_FIRST_ROUNDS || rounds.is_multiple_of(ANCHOR_EVERY_ROUNDS)
     }
 
     /// Echoes of a few neighbours; the next ones take their turn in the next record.
@@ -308,6 +368,137 @@ impl Speech {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    use skein_estimation::odometry::{Growth, OdometryPoint};
+    use skein_proto::frame::FixValue;
+    use skein_proto::measured::{Measured, MeasuredValue};
+    use std::collections::{BTreeMap, BTreeSet};
+
+    use crate::rounds::Fix;
+    use crate::told_pose::ToldPose;
+
+    const PERIOD: Span = Span::millis(200);
+
+    fn name(text: &str) -> Name {
+        Name::parse(text).unwrap()
+    }
+
+    fn speech() -> Speech {
+        Speech::new(name("v1"), 1, PERIOD, 3, &Transform::identity())
+    }
+
+    fn point(taken: Stamp) -> OdometryPoint {
+        OdometryPoint {
+            taken,
+            segment: 0,
+            odometry_from_body: Transform::identity(),
+            growth: Growth::zero(),
+        }
+    }
+
+    fn anchor(taken: Stamp) -> Anchor {
+        Anchor::new(point(taken), ToldPose::exact(Transform::identity()), None)
+    }
+
+    /// A round in which so many neighbours were measured and so many heights fixed, the round's own number up.
+    fn round(index: i64, neighbours: usize, fixes: usize) -> Round {
+        let instant = Stamp::default() + PERIOD * index;
+        let measured = Measured {
+            taken_offset_us: 0,
+            value: MeasuredValue::Pose {
+                body_from_neighbour: [0.0; 6],
+                rotation_sigma_rad: 0.1,
+                translation_sigma_m: 0.1,
+            },
+        };
+        let measured = (0..neighbours).map(|nth| (name(&format!("w{nth}")), vec![measured]));
+        let fix = Fix {
+            sensor: name("gps"),
+            value: FixValue::Position {
+                position_m: [0.0, 0.0, index as f64],
+                sigma_m: 1.0,
+            },
+            body_from_sensor: Transform::identity(),
+            taken_offset: Span::ZERO,
+        };
+        Round {
+            index,
+            instant,
+            odometry: Some(point(instant)),
+            measured: measured.collect::<BTreeMap<_, _>>(),
+            fixes: vec![fix; fixes],
+            told: BTreeSet::new(),
+        }
+    }
+
+    fn say(speech: &mut Speech, round: &Round, anchor: Option<&Anchor>) -> RoundRecord {
+        let neighbours = Neighbours::default();
+        let (_, bytes) = speech
+            .record(round.instant, round, Status::Tracking, &neighbours, anchor)
+            .unwrap();
+        codec::decode(&bytes).unwrap().1
+    }
+
+    #[test]
+    fn a_new_anchor_is_told_in_ten_rounds_and_then_in_one_of_five() {
+        let mut speech = speech();
+        let mut told_in = |rounds: std::ops::Range<i64>, anchor: &Anchor| -> Vec<i64> {
+            rounds
+                .filter(|index| {
+                    let record = say(&mut speech, &round(*index, 0, 0), Some(anchor));
+                    record.anchor.is_some()
+                })
+                .collect()
+        };
+        let first = anchor(Stamp::default());
+        let later = anchor(Stamp::default() + Span::secs(5));
+        let told: Vec<i64> = (0..10).chain([10, 15, 20]).collect();
+        assert_eq!(told_in(0..25, &first), told);
+        let told: Vec<i64> = (25..35).chain([35]).collect();
+        assert_eq!(told_in(25..40, &later), told);
+        assert_eq!(say(&mut speech, &round(40, 0, 0), None).anchor, None);
+    }
+
+    #[test]
+    fn repeated_rounds_make_room_for_the_anchor_and_take_their_fixes_with_them() {
+        let mut speech = speech();
+        for index in 0..3 {
+            say(&mut speech, &round(index, 2, 1), None);
+        }
+        let backs = |record: &RoundRecord| -> (Vec<u8>, Vec<u8>) {
+            let rounds = record.rounds.iter().map(|round| round.back);
+            let fixes = record.fixes.iter().map(|fix| fix.back);
+            (rounds.collect(), fixes.collect())
+        };
+        let without = say(&mut speech, &round(3, 2, 1), None);
+        assert_eq!(backs(&without), (vec![0, 1, 2], vec![0, 1, 2]));
+        let before = speech.cut.to_document()["repeated_rounds"];
+        let with = say(
+            &mut speech,
+            &round(4, 2, 1),
+            Some(&anchor(Stamp::default())),
+        );
+        assert!(with.anchor.is_some());
+        assert_eq!(backs(&with), (vec![0, 1], vec![0, 1]));
+        assert_eq!(speech.cut.to_document()["repeated_rounds"] - before, 2);
+    }
+
+    #[test]
+    fn the_newest_fixes_are_told_and_the_others_counted() {
+        let mut speech = speech();
+        say(&mut speech, &round(0, 0, 6), None);
+        let record = say(&mut speech, &round(1, 0, 5), None);
+        let heights = record.fixes.iter().map(|fix| match fix.fix {
+            Fixed::Position { position_m, .. } => (fix.back, position_m[2]),
+            _ => panic!("{fix:?}"),
+        });
+        let (newest, repeated) = (vec![(0, 1.0); 5], vec![(1, 0.0); 3]);
+        assert_eq!(heights.collect::<Vec<_>>(), [newest, repeated].concat());
+        assert_eq!(speech.cut.to_document()["fixes"], 3);
+        // More in one round than a record holds.
+        let record = say(&mut speech, &round(2, 0, 9), None);
+        assert!(record.fixes.iter().all(|fix| fix.back == 0));
+    }
 
     #[test]
     fn only_stamps_of_the_last_seconds_are_known_and_their_number_is_bounded() {

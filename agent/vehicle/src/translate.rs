@@ -3,9 +3,12 @@
 use nalgebra::Vector3;
 use skein_estimation::cooperative::{Measurement, Noise, Refusal};
 use skein_estimation::odometry::{Growth, OdometryPoint};
-use skein_estimation::{Body, Sensor, Transform, TransformError, so3};
+use skein_estimation::time::Stamp;
+use skein_estimation::{Body, Sensor, Transform, TransformError, World, so3};
 use skein_proto::document::PoseDocument;
+use skein_proto::fixed;
 use skein_proto::frame::{FixValue, RelativeValue};
+use skein_proto::growth;
 use skein_proto::limits::COORDINATE_MAX_M;
 use skein_proto::measured::MeasuredValue;
 use skein_proto::record;
@@ -220,8 +223,60 @@ pub(crate) fn fold(
     }
 }
 
+/// Folds a mount, and the motion since the reading, into a fix: out comes what was fixed of the body itself at its round.
+pub(crate) fn fold_fix(
+    value: &FixValue,
+    body_from_sensor: &Transform<Body, Sensor>,
+) -> Result<fixed::Fixed, Refused> {
+    let fixed = match value {
+        FixValue::Pose {
+            world_from_sensor,
+            rotation_sigma_rad,
+            translation_sigma_m,
+        } => {
+            let world_from_sensor = transform::<World, Sensor>(world_from_sensor)?;
+            fixed::Fixed::Pose {
+                world_from_body: (world_from_sensor * body_from_sensor.inverse()).to_numbers(),
+                rotation_sigma_rad: sigma(*rotation_sigma_rad),
+                translation_sigma_m: sigma(*translation_sigma_m),
+            }
+        }
+        FixValue::Position {
+            position_m,
+            sigma_m,
+        } => fixed::Fixed::Position {
+            position_m: *position_m,
+            point_m: body_from_sensor.translation.into(),
+            sigma_m: sigma(*sigma_m),
+        },
+        FixValue::Orientation {
+            rotation_vector_rad,
+            sigma_rad,
+        } => fixed::Fixed::Orientation {
+            rotation_vector_rad: so3::log(
+                &(rotation(rotation_vector_rad) * body_from_sensor.rotation.inverse()),
+            )
+            .into(),
+            sigma_rad: sigma(*sigma_rad),
+        },
+        FixValue::Landmark {
+            landmark_m,
+            position_m,
+            sigma_m,
+        } => fixed::Fixed::Position {
+            position_m: *landmark_m,
+            point_m: body_from_sensor
+                .transform_point(&Vector3::from(*position_m))
+                .into(),
+            sigma_m: sigma(*sigma_m),
+        },
+    };
+    fixed.check()?;
+    Ok(fixed)
+}
+
 /// A standard deviation in single precision, which must not vanish: zero noise would be refused by everybody.
-fn sigma(sigma: f64) -> f32 {
+pub(crate) fn sigma(sigma: f64) -> f32 {
     (sigma as f32).max(f32::MIN_POSITIVE)
 }
 
@@ -231,20 +286,28 @@ pub(crate) fn is_sayable<To, From>(pose: &Transform<To, From>) -> bool {
 }
 
 /// Covariance growth as it crosses the wire.
-pub(crate) fn growth_to_wire(growth: &Growth) -> record::Growth {
-    record::Growth::Isotropic(growth.to_numbers())
+pub(crate) fn growth_to_wire(growth: &Growth) -> growth::Growth {
+    growth::Growth::Isotropic(growth.to_numbers())
 }
 
-/// A neighbour's odometry of one round, on its own clock. Its growth is not used by the star and stays zero.
+/// Covariance growth as it crossed the wire; none when its sender gave none, or not in the form that we add up.
+pub(crate) const fn growth(growth: &growth::Growth) -> Option<Growth> {
+    match growth {
+        growth::Growth::Isotropic(numbers) => Some(Growth::from_numbers(numbers)),
+        growth::Growth::Unknown | growth::Growth::Full(_) => None,
+    }
+}
+
+/// A neighbour's odometry of one round, on its own clock. A growth that is not known is zero.
 pub(crate) fn odometry_point(
     round: &record::Round,
-    taken: skein_estimation::time::Stamp,
+    taken: Stamp,
 ) -> Result<OdometryPoint, Refused> {
     Ok(OdometryPoint {
         taken,
         segment: round.segment,
         odometry_from_body: transform(&round.odometry_from_body)?,
-        growth: Growth::zero(),
+        growth: growth(&round.growth).unwrap_or_else(Growth::zero),
     })
 }
 
@@ -258,5 +321,102 @@ pub(crate) fn pose_document<To, From>(pose: &Transform<To, From>) -> PoseDocumen
         quaternion_wxyz: [q.w, q.i, q.j, q.k],
         yaw_pitch_roll_deg: [yaw.to_degrees(), pitch.to_degrees(), roll.to_degrees()],
         rotation_vector_rad: [wx, wy, wz],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use skein_estimation::World;
+    use std::f64::consts::FRAC_PI_2;
+
+    /// A body at (5, 0, 0), turned a quarter to the left, whose sensor sits one metre ahead, turned as much again.
+    fn stage() -> (Transform<World, Body>, Transform<Body, Sensor>) {
+        let quarter = [0.0, 0.0, FRAC_PI_2];
+        (
+            Transform::new(rotation(&quarter), Vector3::new(5.0, 0.0, 0.0)),
+            Transform::new(rotation(&quarter), Vector3::new(1.0, 0.0, 0.0)),
+        )
+    }
+
+    fn near(left: &[f64], right: &[f64]) {
+        let apart = left.iter().zip(right).map(|(l, r)| (l - r).abs());
+        assert!(
+            apart.fold(0.0, f64::max) < 1e-12,
+            "{left:?} is not {right:?}"
+        );
+    }
+
+    #[test]
+    fn a_fix_of_the_sensor_s_pose_is_told_as_the_body_s() {
+        let (world_from_body, body_from_sensor) = stage();
+        let value = FixValue::Pose {
+            world_from_sensor: (world_from_body * body_from_sensor).to_numbers(),
+            rotation_sigma_rad: 0.1,
+            translation_sigma_m: 0.5,
+        };
+        match fold_fix(&value, &body_from_sensor).unwrap() {
+            fixed::Fixed::Pose {
+                world_from_body: told,
+                rotation_sigma_rad,
+                translation_sigma_m,
+            } => {
+                near(&told, &world_from_body.to_numbers());
+                assert_eq!((rotation_sigma_rad, translation_sigma_m), (0.1, 0.5));
+            }
+            other => panic!("{other:?}"),
+        }
+        let value = FixValue::Orientation {
+            rotation_vector_rad: [0.0, 0.0, 2.0 * FRAC_PI_2],
+            sigma_rad: 0.1,
+        };
+        match fold_fix(&value, &body_from_sensor).unwrap() {
+            fixed::Fixed::Orientation {
+                rotation_vector_rad,
+                ..
+            } => near(&rotation_vector_rad, &[0.0, 0.0, FRAC_PI_2]),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn a_fix_of_a_position_names_the_point_of_the_body_that_is_there() {
+        let (world_from_body, body_from_sensor) = stage();
+        let point_in_sensor = Vector3::new(2.0, 0.0, 0.0);
+        for (seen_m, value) in [
+            (
+                Vector3::zeros(),
+                FixValue::Position {
+                    position_m: (world_from_body * body_from_sensor).translation.into(),
+                    sigma_m: 0.5,
+                },
+            ),
+            (
+                point_in_sensor,
+                FixValue::Landmark {
+                    landmark_m: (world_from_body * body_from_sensor)
+                        .transform_point(&point_in_sensor)
+                        .into(),
+                    position_m: point_in_sensor.into(),
+                    sigma_m: 0.5,
+                },
+            ),
+        ] {
+            match fold_fix(&value, &body_from_sensor).unwrap() {
+                fixed::Fixed::Position {
+                    position_m,
+                    point_m,
+                    ..
+                } => {
+                    near(
+                        &point_m,
+                        body_from_sensor.transform_point(&seen_m).as_slice(),
+                    );
+                    let there = world_from_body.transform_point(&Vector3::from(point_m));
+                    near(&position_m, there.as_slice());
+                }
+                other => panic!("{other:?}"),
+            }
+        }
     }
 }

@@ -25,6 +25,7 @@ use crate::reporting::RoundCounts;
 use crate::rounds::{Loss, OPEN_MAX, Round, Rounds};
 use crate::sensors::{Reading, Sensors};
 use crate::speaking::{PARTNERS_MAX, Speech};
+use crate::told_pose::ToldPose;
 use crate::translate;
 use crate::trust::{Mark, Trust};
 
@@ -115,7 +116,11 @@ impl Vehicle {
             Input::Appeared { vehicle, boot } => self.note_token(vehicle, boot, true),
             Input::Vanished { vehicle, boot } => self.note_token(vehicle, boot, false),
             Input::Wake => {}
-            Input::SetPose { world_from_body } => self.set_pose(&world_from_body),
+            Input::SetPose {
+                world_from_body,
+                rotation_sigma_rad,
+                translation_sigma_m,
+            } => self.set_pose(&world_from_body, rotation_sigma_rad, translation_sigma_m),
         }
         self.open_rounds(now);
         self.solve_rounds(now);
@@ -283,7 +288,10 @@ impl Vehicle {
                 self.tell(now, &mut round, to, foreseen);
             }
             let (status, _) = self.status(now);
-            let record = self.speech.record(now, &round, status, &self.neighbours);
+            let anchor = self.reckoning.anchor();
+            let record = self
+                .speech
+                .record(now, &round, status, &self.neighbours, anchor);
             self.outputs
                 .extend(record.map(|(key, bytes)| Output::Send { key, bytes }));
             self.rounds.open.push_back(round);
@@ -465,15 +473,20 @@ impl Vehicle {
     }
 
     /// An operator says where the vehicle is: it holds from now on, whatever was thought before.
-    fn set_pose(&mut self, numbers: &[f64; 6]) {
-        let told = translate::transform(numbers)
+    fn set_pose(&mut self, numbers: &[f64; 6], rotation_sigma_rad: f64, translation_sigma_m: f64) {
+        let pose = translate::transform(numbers)
             .ok()
             .filter(translate::is_sayable);
-        let Some(world_from_body) = told else {
+        let told = pose.map(|world_from_body| ToldPose {
+            world_from_body,
+            rotation_sigma_rad,
+            translation_sigma_m,
+        });
+        let Some(told) = told.filter(ToldPose::is_sayable) else {
             self.refused.count("set_pose");
             return;
         };
-        self.reckoning.set_pose(world_from_body);
+        self.reckoning.set_pose(told);
         let newest = self.reckoning.newest();
         let begun = Mark {
             instant: self.now,

@@ -23,7 +23,7 @@ from collections import deque
 from dataclasses import asdict, dataclass
 
 VERSION_MAJOR = 1
-VERSION_MINOR = 0
+VERSION_MINOR = 1
 VERSION_CHUNK = "@v1"
 ENVELOPE = struct.Struct("<BBHIQQq")
 MEASURED_MAX = 3

@@ -14,7 +14,7 @@ use skein_proto::frame::{Frame, OdometryFrame, RelativeFrame, RelativeValue};
 use skein_proto::keys::Key;
 use skein_proto::name::Name;
 use skein_proto::status::Status;
-use skein_vehicle::{Config, SensorConfig, Start};
+use skein_vehicle::{Config, SensorConfig, Start, ToldPose};
 use std::collections::BTreeMap;
 use std::time::Duration;
 use zenoh::Wait;
@@ -102,7 +102,8 @@ fn settings(nth: usize, clock: Clock, connect: Vec<String>, start: Start) -> Set
 /// Side by side, one metre apart.
 fn start_pose(nth: usize) -> Start {
     let place = nalgebra::Vector3::new(0.0, nth as f64, 0.0);
-    Start::Pose(Transform::new(nalgebra::UnitQuaternion::identity(), place))
+    let there = Transform::new(nalgebra::UnitQuaternion::identity(), place);
+    Start::Pose(ToldPose::by_hand(there))
 }
 
 fn senders(agent: &Agent) -> [FrameSender; 2] {

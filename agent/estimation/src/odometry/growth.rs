@@ -174,12 +174,32 @@ impl Growth {
             self.translation,
         ]
     }
+
+    /// The inverse of [`Growth::to_numbers`].
+    #[must_use]
+    pub const fn from_numbers(numbers: &[f64; 11]) -> Self {
+        let [rotation, x, y, z, xx, xy, xz, yy, yz, zz, translation] = *numbers;
+        Self {
+            rotation,
+            lever: Vector3::new(x, y, z),
+            lever_square: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz),
+            translation,
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::{Body, Odometry, Transform};
+
+    #[test]
+    fn what_crosses_the_network_comes_out_as_it_went_in() {
+        let growth = Growth::zero()
+            .after(&Vector3::new(1.0, -2.0, 3.0), 0.1, 0.2)
+            .after(&Vector3::new(0.5, 4.0, -1.0), 0.3, 0.1);
+        assert_eq!(Growth::from_numbers(&growth.to_numbers()), growth);
+    }
 
     #[test]
     fn eleven_numbers_say_what_the_sum_of_adjoints_says() {
