@@ -431,7 +431,7 @@ mod tests {
                 "[simulation]\nenabled = true\n[network]\nconnect = [\"tls/127.0.0.1:7447\"]\n",
                 "refused beside TLS",
             ),
-            ("[cooperative]\nmode = \"team\"\n", "no mode"),
+            ("[cooperative]\nmode = \"crew\"\n", "no mode"),
             ("[cooperative]\nrepeats = 8\n", "too many"),
             ("[cooperative]\nperiod_s = -1\n", "no positive number"),
             (
@@ -465,7 +465,7 @@ mod tests {
                 4,
                 "cooperative.round_wait_s",
             ),
-            ("[cooperative]\nmode = \"team\"\n", 4, "cooperative.mode"),
+            ("[cooperative]\nmode = \"crew\"\n", 4, "cooperative.mode"),
             (
                 "[cooperative]\noptimiser = \"x\"\n",
                 4,

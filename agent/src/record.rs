@@ -148,6 +148,7 @@ enum ModeRecord {
         widening: f64,
         narrowing: f64,
     },
+    Team,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -265,12 +266,14 @@ const fn record_mode(mode: &Mode) -> ModeRecord {
             widening: kernel.widening,
             narrowing: kernel.narrowing,
         },
+        Mode::Team => ModeRecord::Team,
     }
 }
 
 const fn read_mode(record: &ModeRecord) -> Mode {
     match *record {
         ModeRecord::Paper => Mode::Paper,
+        ModeRecord::Team => Mode::Team,
         ModeRecord::Star {
             by_noise,
             anchor: [rotation, translation],

@@ -45,11 +45,12 @@ impl RawCooperative {
             Some(word) => match word.get_ref().as_str() {
                 "paper" => Mode::Paper,
                 "star" => Mode::Star(Robust::DEFAULT),
+                "team" => Mode::Team,
                 other => {
                     return Err(Wrong::at(
                         word,
                         format!("there is no mode {other:?}"),
-                        "use \"star\" (robust) or \"paper\" (as published, for comparison)",
+                        "use \"team\" (everybody's raw information, with covariance), \"star\" (robust) or \"paper\" (as published)",
                     ));
                 }
             },

@@ -25,8 +25,8 @@ const AT_THE_INSTANT: Span = Span::micros(200);
 const INTERPOLATED_ACCELERATION_M_S2: f64 = 1.0;
 
 /// What a round is gathered from.
-pub(crate) struct Material<'a> {
-    pub(crate) round: &'a Round,
+pub(crate) struct Material<'a, 'r> {
+    pub(crate) round: &'r Round,
     pub(crate) neighbours: &'a Neighbours,
     pub(crate) reckoning: &'a DeadReckoning,
     /// Where others' sensors see this vehicle.
@@ -97,10 +97,10 @@ enum NoEnd {
     Never(Refused),
 }
 
-impl<'a> Material<'a> {
+impl<'r> Material<'_, 'r> {
     /// Gathers the round. Waits, unless the deadline has passed, for neighbours who were told something and have not
     /// answered, and for odometry around measurements.
-    pub(crate) fn gather(&self) -> Result<Gathered<'a>, NotYet> {
+    pub(crate) fn gather(&self) -> Result<Gathered<'r>, NotYet> {
         self.wait_for_answers()?;
         let mut refused = Vec::new();
         let spokes = self.spokes(&mut refused)?;

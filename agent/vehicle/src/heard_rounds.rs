@@ -110,10 +110,6 @@ impl HeardRounds {
     }
 
     /// In order of their instants.
-    #[cfg_attr(
-        not(test),
-        expect(dead_code, reason = "for the estimator of the whole team")
-    )]
     pub(crate) fn iter(&self) -> impl DoubleEndedIterator<Item = &HeardRound> {
         self.rounds.values()
     }
@@ -129,10 +125,6 @@ impl HeardRounds {
     }
 
     /// Where it was told to be last.
-    #[cfg_attr(
-        not(test),
-        expect(dead_code, reason = "for the estimator of the whole team")
-    )]
     pub(crate) const fn anchor(&self) -> Option<&HeardAnchor> {
         self.anchor.as_ref()
     }

@@ -54,6 +54,7 @@ mod reporting;
 mod rounds;
 mod sensors;
 mod sequence;
+mod smoothing;
 mod speaking;
 mod translate;
 mod trust;

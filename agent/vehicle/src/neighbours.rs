@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use nalgebra::Matrix6;
 use skein_estimation::odometry::{Gap, OdometryPoint, Track};
 use skein_estimation::time::{Span, Stamp};
 use skein_estimation::{Body, Sensor, Transform, World};
@@ -74,6 +75,8 @@ pub(crate) struct Counts {
 pub(crate) struct Relative {
     pub(crate) taken: Stamp,
     pub(crate) body_from_neighbour: Transform<Body, Body>,
+    /// Of a twist on the neighbour's side, where the estimator supplies one.
+    pub(crate) covariance: Option<Matrix6<f64>>,
 }
 
 /// One process of a neighbour.

@@ -3,10 +3,10 @@
 use skein_estimation::time::{Span, Stamp};
 use skein_estimation::{Body, Transform, World};
 use skein_proto::document::{
-    EstimateDocument, HealthDocument, InfoDocument, NeighbourDocument, RoundsHealth,
-    VelocityDocument,
+    CovarianceDocument, EstimateDocument, HealthDocument, InfoDocument, NeighbourDocument,
+    RoundsHealth, VelocityDocument,
 };
-use skein_proto::estimate::{Estimate, NeighbourEstimate};
+use skein_proto::estimate::{Covariance, Estimate, NeighbourEstimate};
 use skein_proto::keys::boot_text;
 use skein_proto::limits::NEIGHBOURS_MAX;
 use skein_proto::status::Status;
@@ -17,11 +17,24 @@ use crate::config::Start;
 use crate::counters::Counters;
 use crate::dead_reckoning::BRIDGE_MAX;
 use crate::output::Output;
+use crate::smoothing::Smoothing;
 use crate::translate;
 use crate::vehicle::Vehicle;
 
 /// How long a correction by neighbours or fixes makes the estimate a tracked one.
 const TRACKING_FOR: Span = Span::secs(2);
+
+/// How long an estimator that began again is given to settle.
+const DEGRADED_FOR: Span = Span::secs(10);
+/// Orientation that is less certain than this, all three axes together, is beyond what a linearised covariance can say.
+const CONSISTENT_BELOW_RAD: f64 = 0.2;
+
+/// A covariance for people and programs.
+fn covariance_document(upper_triangle: [f64; 21]) -> CovarianceDocument {
+    CovarianceDocument {
+        body_twist_rotation_first: upper_triangle.to_vec(),
+    }
+}
 
 /// How the rounds went.
 #[derive(Clone, Debug, Default)]
@@ -91,7 +104,7 @@ impl Vehicle {
             .present(now, self.config.presence_timeout)
             .count();
         match (corrected, present) {
-            (true, _) => (Status::Tracking, None),
+            (true, _) => self.how_well(now),
             (false, 0) => (
                 Status::Alone,
                 Some("no neighbour is present: the estimate is odometry alone".to_owned()),
@@ -101,6 +114,31 @@ impl Vehicle {
                            see the refusals of each neighbour in this document";
                 (Status::DeadReckoning, Some(why.to_owned()))
             }
+        }
+    }
+
+    /// A corrected estimate is a good one unless the team estimator says otherwise.
+    fn how_well(&self, now: Stamp) -> (Status, Option<String>) {
+        let Some(smoothing) = &self.smoothing else {
+            return (Status::Tracking, None);
+        };
+        if smoothing
+            .restarted_at
+            .is_some_and(|at| now - at <= DEGRADED_FOR)
+        {
+            let why = "the team estimator had to begin again: it is settling (its health counts restarts)";
+            return (Status::Degraded, Some(why.to_owned()));
+        }
+        match smoothing.to_document().rotation_sigma_rad {
+            Some(sigma_rad) if sigma_rad > CONSISTENT_BELOW_RAD => {
+                let why = format!(
+                    "the orientation is known to {:.0} degrees only, beyond which the stated covariance may be too small: a \
+                     fix or a located neighbour in sight helps",
+                    sigma_rad.to_degrees()
+                );
+                (Status::Degraded, Some(why))
+            }
+            _ => (Status::Tracking, None),
         }
     }
 
@@ -191,6 +229,10 @@ impl Vehicle {
             (pose, _) => (pose, newest.map_or(now, |point| point.taken)),
         };
         let velocity = pose.as_ref().and_then(|pose| self.reckoning.velocity(pose));
+        let covariance = pose
+            .and(newest)
+            .and_then(|newest| self.smoothing.as_ref()?.covariance_at(&newest))
+            .and_then(|covariance| translate::covariance(&covariance));
         let neighbours = self.neighbour_estimates(now, taken, pose.as_ref());
         let document = EstimateDocument {
             vehicle: self.config.vehicle,
@@ -202,7 +244,7 @@ impl Vehicle {
                 linear_world_m_s: velocity.linear_world_m_s,
                 angular_body_rad_s: velocity.angular_body_rad_s,
             }),
-            covariance: None,
+            covariance: covariance.map(covariance_document),
             neighbours: neighbours
                 .iter()
                 .map(|(document, _)| document.clone())
@@ -213,7 +255,7 @@ impl Vehicle {
             status: status.code(),
             world_from_body: pose.as_ref().map(Transform::to_numbers),
             velocity,
-            covariance: None,
+            covariance: covariance.map(Covariance::BodyTwistRotationFirst),
             neighbours: neighbours
                 .into_iter()
                 .map(|(_, estimate)| estimate)
@@ -246,13 +288,16 @@ impl Vehicle {
                     && translate::is_sayable(&relative.body_from_neighbour)
             });
             let status = neighbour.current().and_then(|boot| boot.status);
+            let covariance = relative
+                .and_then(|relative| relative.covariance)
+                .and_then(|covariance| translate::covariance(&covariance));
             let document = NeighbourDocument {
                 vehicle: name,
                 status,
                 taken_ns: relative.map(|relative| relative.taken.as_nanos()),
                 pose: relative
                     .map(|relative| translate::pose_document(&relative.body_from_neighbour)),
-                covariance: None,
+                covariance: covariance.map(covariance_document),
             };
             let offset_us =
                 relative.map_or(0, |relative| (relative.taken - taken).as_micros_rounded());
@@ -262,7 +307,7 @@ impl Vehicle {
                 taken_offset_us: i32::try_from(offset_us).unwrap_or(i32::MIN),
                 body_from_neighbour: relative
                     .map(|relative| relative.body_from_neighbour.to_numbers()),
-                covariance: None,
+                covariance: covariance.map(Covariance::BodyTwistRotationFirst),
             };
             (document, estimate)
         });
@@ -291,7 +336,7 @@ impl Vehicle {
                 last_latency_s: self.counts.last_latency.map(Span::as_secs_f64),
                 last_edges: self.counts.last_edges,
                 cut: self.speech.cut.to_document(),
-                team: None,
+                team: self.smoothing.as_ref().map(Smoothing::to_document),
             },
             sensors: self.sensors.to_document(now),
             neighbours: self
@@ -299,6 +344,12 @@ impl Vehicle {
                 .iter()
                 .map(|(name, neighbour)| {
                     let mut document = neighbour.to_document(now, period, timeout);
+                    if let Some(smoothing) = &self.smoothing {
+                        let known = smoothing.member(name);
+                        document.team = known.map(|(team, _)| team);
+                        document.quarantined = known.is_some_and(|(_, quarantined)| quarantined);
+                        return (name.to_string(), document);
+                    }
                     let judged = self.config.mode.kernel().zip(self.reckoning.newest());
                     document.kernel_widening = judged.map(|(kernel, point)| {
                         let since = &self.placed_since;
@@ -329,6 +380,8 @@ impl Vehicle {
             capabilities: vec![
                 "cooperative:paper".to_owned(),
                 "cooperative:star".to_owned(),
+                "cooperative:team".to_owned(),
+                format!("flies:{}", self.config.mode.name()),
             ],
             sensors: self.sensors.drivers(),
             limits: [

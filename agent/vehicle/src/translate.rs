@@ -1,6 +1,7 @@
 //! Wire numbers to estimation types and back. Both sides look alike; neither knows the other.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix6, Vector3};
+use skein_estimation::cooperative::team::Observation;
 use skein_estimation::cooperative::{Measurement, Noise, Refusal};
 use skein_estimation::odometry::{Growth, OdometryPoint};
 use skein_estimation::time::Stamp;
@@ -275,6 +276,49 @@ pub(crate) fn fold_fix(
     Ok(fixed)
 }
 
+/// A fix as it crossed the wire, ready for the team estimator: what the world measures of a point of the body.
+pub(crate) fn fixed(fixed: &fixed::Fixed) -> Result<Observation, Refused> {
+    use fixed::Fixed;
+    let mut to_end = Transform::identity();
+    let (measurement, noise) = match fixed {
+        Fixed::Pose {
+            world_from_body,
+            rotation_sigma_rad,
+            translation_sigma_m,
+        } => (
+            Measurement::pose(transform(world_from_body)?)?,
+            noise(
+                f64::from(*rotation_sigma_rad),
+                f64::from(*translation_sigma_m),
+            ),
+        ),
+        Fixed::Position {
+            position_m,
+            point_m,
+            sigma_m,
+        } => {
+            to_end.translation = Vector3::from(*point_m);
+            (
+                Measurement::position(Vector3::from(*position_m))?,
+                noise(0.0, f64::from(*sigma_m)),
+            )
+        }
+        Fixed::Orientation {
+            rotation_vector_rad,
+            sigma_rad,
+        } => (
+            Measurement::orientation(rotation(rotation_vector_rad))?,
+            noise(f64::from(*sigma_rad), 0.0),
+        ),
+    };
+    Ok(Observation {
+        measurement,
+        noise,
+        from_end: Transform::identity(),
+        to_end,
+    })
+}
+
 /// A standard deviation in single precision, which must not vanish: zero noise would be refused by everybody.
 pub(crate) fn sigma(sigma: f64) -> f32 {
     (sigma as f32).max(f32::MIN_POSITIVE)
@@ -309,6 +353,22 @@ pub(crate) fn odometry_point(
         odometry_from_body: transform(&round.odometry_from_body)?,
         growth: growth(&round.growth).unwrap_or_else(Growth::zero),
     })
+}
+
+/// A covariance of a twist on the body's side, rotation first: the upper triangle, row by row. None when it is none.
+pub(crate) fn covariance(covariance: &Matrix6<f64>) -> Option<[f64; 21]> {
+    let mut numbers = [0.0; 21];
+    let upper = (0..6).flat_map(|row| (row..6).map(move |column| (row, column)));
+    for (number, at) in numbers.iter_mut().zip(upper) {
+        *number = covariance[at];
+    }
+    let good = covariance.iter().all(|number| number.is_finite());
+    (good
+        && covariance
+            .diagonal()
+            .iter()
+            .all(|variance| *variance >= 0.0))
+    .then_some(numbers)
 }
 
 /// A pose in the forms that people and programs use.

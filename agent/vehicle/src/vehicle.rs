@@ -2,10 +2,10 @@
 
 use std::collections::VecDeque;
 
-use skein_estimation::cooperative::{Solution, SolveStatus, Star, StarWorkspace};
+use skein_estimation::cooperative::{Mode, Solution, SolveStatus, Star, StarWorkspace};
 use skein_estimation::odometry::{Growth, OdometryPoint};
 use skein_estimation::time::{Span, Stamp};
-use skein_estimation::{Body, Transform, World};
+use skein_estimation::{Body, Transform, VehicleId, World};
 use skein_proto::frame::{Frame, RelativeValue};
 use skein_proto::name::Name;
 
@@ -24,6 +24,7 @@ use crate::refused::Refused;
 use crate::reporting::RoundCounts;
 use crate::rounds::{Loss, OPEN_MAX, Round, Rounds};
 use crate::sensors::{Reading, Sensors};
+use crate::smoothing::{Smoothed, Smoothing, Told};
 use crate::speaking::{PARTNERS_MAX, Speech};
 use crate::told_pose::ToldPose;
 use crate::translate;
@@ -52,6 +53,8 @@ pub struct Vehicle {
     pub(crate) placed_since: Mark,
     fix_trust: Trust,
     pub(crate) speech: Speech,
+    /// The team estimator, in its mode.
+    pub(crate) smoothing: Option<Smoothing>,
     star: Star,
     workspace: StarWorkspace,
     pub(crate) counts: RoundCounts,
@@ -87,6 +90,8 @@ impl Vehicle {
             },
             fix_trust: Trust::default(),
             speech,
+            smoothing: (config.mode == Mode::Team)
+                .then(|| Smoothing::new(config.vehicle, config.period)),
             star: Star::new(Transform::identity())
                 .expect("the identity is a pose")
                 .in_mode(config.mode),
@@ -294,6 +299,9 @@ impl Vehicle {
                 .record(now, &round, status, &self.neighbours, anchor);
             self.outputs
                 .extend(record.map(|(key, bytes)| Output::Send { key, bytes }));
+            if let Some(smoothing) = &mut self.smoothing {
+                smoothing.note(&round);
+            }
             self.rounds.open.push_back(round);
         }
         for loss in losses {
@@ -304,10 +312,32 @@ impl Vehicle {
     /// What the oldest open round would come to with what is there. A round that still waits for somebody when the next
     /// begins must not cost the others what it knows already: this is for the priors that are told, and nothing else.
     fn foresee(&mut self) -> Option<Correction> {
-        let round = self.rounds.open.front()?;
+        if self.smoothing.is_some() {
+            return None;
+        }
+        let round = self.rounds.open.pop_front()?;
+        let foreseen = self.foresee_round(&round);
+        self.rounds.open.push_front(round);
+        foreseen
+    }
+
+    fn foresee_round(&mut self, round: &Round) -> Option<Correction> {
         let odometry = round.odometry?;
         let prior = self.reckoning.placed_at(&odometry)?;
-        let material = Material {
+        let gathered = self.material(round, true).gather().ok()?;
+        let built = gathered.build(&mut self.star, Centre::Prior(prior));
+        if built.edges() == 0 {
+            return None;
+        }
+        let (solution, world_from_body) = self.solve_star(&built);
+        let good = solution.status != SolveStatus::NotFinite;
+        (good && translate::is_sayable(&world_from_body))
+            .then(|| Correction::placed(&odometry, world_from_body))
+    }
+
+    /// What a round's star is gathered from.
+    fn material<'r>(&self, round: &'r Round, deadline_passed: bool) -> Material<'_, 'r> {
+        Material {
             round,
             neighbours: &self.neighbours,
             reckoning: &self.reckoning,
@@ -316,19 +346,16 @@ impl Vehicle {
             kernel: self.config.mode.kernel(),
             placed_since: self.placed_since,
             fix_trust: self.fix_trust,
-            deadline_passed: true,
-        };
-        let gathered = material.gather().ok()?;
-        let built = gathered.build(&mut self.star, Centre::Prior(prior));
-        if built.edges() == 0 {
-            return None;
+            deadline_passed,
         }
+    }
+
+    /// Solves the star that was built: where this vehicle was at the round's instant.
+    fn solve_star(&mut self, built: &Built) -> (Solution, Transform<World, Body>) {
         let solution = self.star.solve(&mut self.workspace, &self.config.optimiser);
         let world_from_body =
             solution.world_from_body.reframe() * built.instant_from_solved.inverse();
-        let good = solution.status != SolveStatus::NotFinite;
-        (good && translate::is_sayable(&world_from_body))
-            .then(|| Correction::placed(&odometry, world_from_body))
+        (solution, world_from_body)
     }
 
     /// Sends one neighbour the exchange of a round, its prior by the present correction or a foreseen one.
@@ -372,74 +399,187 @@ impl Vehicle {
             self.count_refusals(now, &Built::without_odometry(round));
             return true;
         };
-        let material = Material {
-            round,
-            neighbours: &self.neighbours,
-            reckoning: &self.reckoning,
-            body_from_target: self.config.body_from_target,
-            period: self.config.period,
-            kernel: self.config.mode.kernel(),
-            placed_since: self.placed_since,
-            fix_trust: self.fix_trust,
-            deadline_passed,
-        };
-        let Ok(gathered) = material.gather() else {
+        match self.reckoning.placed_at(&odometry) {
+            Some(prior) if self.smoothing.is_some() => {
+                self.smooth(now, round, odometry, prior, deadline_passed)
+            }
+            Some(prior) => self.solve_placed(now, round, &odometry, prior, deadline_passed),
+            None => self.solve_unplaced(now, round, &odometry, deadline_passed),
+        }
+    }
+
+    /// Solves a round of a vehicle that has a pose, by a star about its prior.
+    fn solve_placed(
+        &mut self,
+        now: Stamp,
+        round: &Round,
+        odometry: &OdometryPoint,
+        prior: Transform<World, Body>,
+        deadline_passed: bool,
+    ) -> bool {
+        let Ok(gathered) = self.material(round, deadline_passed).gather() else {
             return false;
         };
-        let built = match self.reckoning.placed_at(&odometry) {
-            Some(prior) => {
-                let built = gathered.build(&mut self.star, Centre::Prior(prior));
-                // A round with nothing to solve costs nothing while it waits for the next one: a first contact still
-                // counts.
-                if built.edges() == 0 && self.rounds.open.is_empty() && !deadline_passed {
-                    return false;
-                }
-                if built.edges() == 0 {
-                    self.counts.coasted += 1;
-                } else {
-                    let solution = self.star.solve(&mut self.workspace, &self.config.optimiser);
-                    let world_from_body =
-                        solution.world_from_body.reframe() * built.instant_from_solved.inverse();
-                    let judged = match self.config.mode.kernel() {
-                        None => Vec::new(),
-                        Some(kernel) => gathered.judge(
-                            &self.star,
-                            &self.workspace,
-                            &built,
-                            &world_from_body,
-                            &kernel,
-                        ),
-                    };
-                    self.finish(now, round, &odometry, &built, &solution, world_from_body);
-                    self.judge(now, Mark::of(&odometry), &judged);
-                    let accepted = |judged: &Judged| judged.accepted > 0;
-                    if judged.is_empty() || judged.iter().any(accepted) {
-                        self.counts.corrected_at = Some(round.instant);
-                    }
-                }
-                built
+        let built = gathered.build(&mut self.star, Centre::Prior(prior));
+        if built.edges() == 0 {
+            // A round with nothing to solve costs nothing while it waits for the next one: a first contact still counts.
+            if self.rounds.open.is_empty() && !deadline_passed {
+                return false;
             }
-            None => {
-                let starts = gathered.starts();
-                let optimiser = &self.config.optimiser;
-                let found = placing::search(
-                    &mut self.star,
-                    &mut self.workspace,
-                    optimiser,
-                    &gathered,
-                    &starts,
-                );
-                match found.pose {
-                    Some(world_from_body) => {
-                        self.place(round, &odometry, world_from_body);
-                        found.built
-                    }
-                    None => found.built.in_vain(&Refused::Unplaced),
-                }
+            self.counts.coasted += 1;
+            self.count_refusals(now, &built);
+            return true;
+        }
+        let (solution, world_from_body) = self.solve_star(&built);
+        let judged = match self.config.mode.kernel() {
+            None => Vec::new(),
+            Some(kernel) => gathered.judge(
+                &self.star,
+                &self.workspace,
+                &built,
+                &world_from_body,
+                &kernel,
+            ),
+        };
+        self.finish(now, round, odometry, &built, &solution, world_from_body);
+        self.judge(now, Mark::of(odometry), &judged);
+        let accepted = |judged: &Judged| judged.accepted > 0;
+        if judged.is_empty() || judged.iter().any(accepted) {
+            self.counts.corrected_at = Some(round.instant);
+        }
+        self.count_refusals(now, &built);
+        true
+    }
+
+    /// Solves a round of a vehicle that has no pose: others, or a fix, may say where it is.
+    fn solve_unplaced(
+        &mut self,
+        now: Stamp,
+        round: &Round,
+        odometry: &OdometryPoint,
+        deadline_passed: bool,
+    ) -> bool {
+        let Ok(gathered) = self.material(round, deadline_passed).gather() else {
+            return false;
+        };
+        let starts = gathered.starts();
+        let found = placing::search(
+            &mut self.star,
+            &mut self.workspace,
+            &self.config.optimiser,
+            &gathered,
+            &starts,
+        );
+        let built = match found.pose {
+            Some(world_from_body) => {
+                self.place(round, odometry, world_from_body);
+                found.built
             }
+            None => found.built.in_vain(&Refused::Unplaced),
         };
         self.count_refusals(now, &built);
         true
+    }
+
+    /// Solves a round by the team estimator.
+    fn smooth(
+        &mut self,
+        now: Stamp,
+        round: &Round,
+        odometry: OdometryPoint,
+        prior: Transform<World, Body>,
+        deadline_passed: bool,
+    ) -> bool {
+        let Some(smoothing) = &mut self.smoothing else {
+            return true;
+        };
+        if !deadline_passed && !smoothing.is_complete(round, &self.neighbours) {
+            return false;
+        }
+        let smoothed = smoothing.solve(
+            now,
+            &Told {
+                round,
+                odometry,
+                prior,
+                neighbours: &self.neighbours,
+                reckoning: &self.reckoning,
+                body_from_target: self.config.body_from_target,
+            },
+        );
+        for (name, why) in &smoothed.refused {
+            self.count_refusal(*name, why);
+        }
+        self.take_smoothed(now, round, &odometry, &smoothed);
+        true
+    }
+
+    /// Makes what the team estimator found the present estimate.
+    fn take_smoothed(
+        &mut self,
+        now: Stamp,
+        round: &Round,
+        odometry: &OdometryPoint,
+        smoothed: &Smoothed,
+    ) {
+        let me = VehicleId(self.config.vehicle.hash());
+        let verdicts = &smoothed.report.verdicts;
+        self.counts.last_latency = Some(now - round.instant);
+        self.counts.last_edges = verdicts.len() as u64;
+        if verdicts.is_empty() {
+            self.counts.coasted += 1;
+        } else {
+            self.counts.solved += 1;
+            let undetermined = u64::from(smoothed.report.undetermined);
+            self.counts.troubled.add("undetermined", undetermined);
+        }
+        for verdict in verdicts {
+            let mine = verdict.by == me || verdict.of == me;
+            if verdict.accepted && mine {
+                self.counts.corrected_at = Some(round.instant);
+            }
+            let other = if verdict.by == me {
+                verdict.of
+            } else {
+                verdict.by
+            };
+            let neighbour = smoothed
+                .names
+                .get(&other)
+                .and_then(|name| self.neighbours.get_mut(*name));
+            if let Some(neighbour) = neighbour {
+                if verdict.accepted {
+                    neighbour.counts.fused += 1;
+                } else {
+                    neighbour.counts.refused.refuse(&Refused::Gated);
+                }
+            }
+        }
+        let Some(team) = self.smoothing.as_ref().map(Smoothing::team) else {
+            return;
+        };
+        let own = team
+            .own()
+            .filter(|own| own.point.taken == odometry.taken && !smoothed.report.undetermined);
+        let Some(own) = own else {
+            return;
+        };
+        if !translate::is_sayable(&own.world_from_body) {
+            self.counts.troubled.count("thrown_away");
+            return;
+        }
+        for (id, name) in &smoothed.names {
+            let relative = team.relative(*id).map(|relative| Relative {
+                taken: relative.instant,
+                body_from_neighbour: relative.body_from_neighbour,
+                covariance: Some(relative.covariance),
+            });
+            if let Some(neighbour) = self.neighbours.get_mut(*name) {
+                neighbour.relative = relative;
+            }
+        }
+        self.reckoning.correct(odometry, own.world_from_body);
+        self.moved = true;
     }
 
     /// A round says where this vehicle is, which has no pose to build on. A second one that agrees makes it the pose.
@@ -470,6 +610,9 @@ impl Vehicle {
         self.placed_since = since;
         self.fix_trust = Trust::default();
         self.neighbours.forget_trust();
+        if let Some(smoothing) = &mut self.smoothing {
+            smoothing.begin_again();
+        }
     }
 
     /// An operator says where the vehicle is: it holds from now on, whatever was thought before.
@@ -539,6 +682,7 @@ impl Vehicle {
                 neighbour.relative = Some(Relative {
                     taken: used.taken,
                     body_from_neighbour,
+                    covariance: None,
                 });
             }
         }

@@ -77,14 +77,17 @@ pub enum Method {
     StarWithoutKernel,
     /// Mode `star` with measurements weighed by their stated noise, and anchors of 20 mrad and 5 mm.
     StarByNoise,
+    /// Mode `team`.
+    Team,
 }
 
 /// All of them, in the order of the table.
-pub const METHODS: [Method; 4] = [
+pub const METHODS: [Method; 5] = [
     Method::Paper,
     Method::Star,
     Method::StarWithoutKernel,
     Method::StarByNoise,
+    Method::Team,
 ];
 
 /// What is asked for.
@@ -190,6 +193,7 @@ impl Method {
         let robust = Robust::DEFAULT;
         match self {
             Self::Paper => Mode::Paper,
+            Self::Team => Mode::Team,
             Self::Star => Mode::Star(robust),
             Self::StarWithoutKernel => Mode::Star(Robust {
                 kernel: Kernel {
@@ -217,6 +221,7 @@ impl Method {
         match self {
             Self::Paper => "paper",
             Self::Star => "star",
+            Self::Team => "team",
             Self::StarWithoutKernel => "star, no kernel",
             Self::StarByNoise => "star, by noise",
         }

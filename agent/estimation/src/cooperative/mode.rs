@@ -10,6 +10,9 @@ pub enum Mode {
     Paper,
     /// Fixed anchor weights and a redescending kernel whose scale follows the disagreement that is to be expected.
     Star(Robust),
+    /// Everybody's raw information, smoothed jointly ([`super::team`]). The star then only places a vehicle that has no
+    /// pose yet, weighed as in its own mode.
+    Team,
 }
 
 impl Default for Mode {
@@ -27,6 +30,7 @@ impl Mode {
         match self {
             Self::Paper => AnchorWeight::UNIT,
             Self::Star(robust) => robust.anchor,
+            Self::Team => Robust::DEFAULT.anchor,
         }
     }
 
@@ -39,6 +43,16 @@ impl Mode {
                 rotation: robust.oriented_rotation,
                 translation: robust.anchor.translation,
             },
+            Self::Team => Self::Star(Robust::DEFAULT).oriented_anchor(),
+        }
+    }
+
+    /// How a star is weighed in this mode.
+    #[must_use]
+    pub const fn of_a_star(self) -> Self {
+        match self {
+            Self::Paper | Self::Star(_) => self,
+            Self::Team => Self::Star(Robust::DEFAULT),
         }
     }
 
@@ -48,6 +62,7 @@ impl Mode {
         match self {
             Self::Paper => None,
             Self::Star(robust) => Some(robust.kernel),
+            Self::Team => Some(Kernel::DEFAULT),
         }
     }
 
@@ -57,6 +72,7 @@ impl Mode {
         match self {
             Self::Paper => "paper",
             Self::Star(_) => "star",
+            Self::Team => "team",
         }
     }
 }

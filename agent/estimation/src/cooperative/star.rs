@@ -113,7 +113,7 @@ impl Star {
     /// The same star weighed in another way; what is there keeps its weight until [`Star::restart`].
     #[must_use]
     pub const fn in_mode(mut self, mode: Mode) -> Self {
-        self.mode = mode;
+        self.mode = mode.of_a_star();
         self
     }
 
@@ -277,7 +277,8 @@ impl Star {
         }
         noise.check(measurement.kind())?;
         let weight = match self.mode {
-            Mode::Paper => Weight::Unit,
+            // No star is in mode `Team`: `in_mode` says so.
+            Mode::Paper | Mode::Team => Weight::Unit,
             Mode::Star(robust) => match (robust.weighting, tie) {
                 (Weighting::Unit, Tie::Fix) => Weight::Noise(robust.kernel.against_priors(&noise)),
                 (Weighting::Unit, _) => Weight::Unit,

@@ -109,6 +109,31 @@ pub struct PoseEstimate {
     pub covariance: Matrix6<f64>,
 }
 
+impl PoseEstimate {
+    /// The covariance at a later point of the same odometry, which adds its own. None when odometry was interrupted, or the
+    /// point is an earlier one.
+    #[must_use]
+    pub fn carried_to(&self, point: &OdometryPoint, scales: &NoiseScales) -> Option<Matrix6<f64>> {
+        if point.segment != self.point.segment || point.taken < self.point.taken {
+            return None;
+        }
+        let (from, to) = (&self.point.odometry_from_body, &point.odometry_from_body);
+        let carried = se3::adjoint(&(to.inverse() * *from));
+        let rotation = scales.odometry.rotation();
+        let translation = scales.odometry.translation();
+        let growth = point
+            .growth
+            .since(&self.point.growth)
+            .about(&to.translation)
+            .scaled(rotation * rotation, translation * translation)
+            .covariance();
+        let axes: Transform<Body, crate::Odometry> =
+            Transform::new(to.rotation.inverse(), Vector3::zeros());
+        let turned = se3::adjoint(&axes);
+        Some(carried * self.covariance * carried.transpose() + turned * growth * turned.transpose())
+    }
+}
+
 /// Where a vehicle is as seen from this one, with its covariance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RelativeEstimate {

@@ -10,6 +10,8 @@ pub(crate) enum ModeName {
     Paper,
     /// Fixed anchor weights and a robust kernel that follows contact.
     Star,
+    /// Everybody's raw information, smoothed jointly, with covariance.
+    Team,
 }
 
 impl ModeName {
@@ -17,6 +19,7 @@ impl ModeName {
         match self {
             Self::Paper => Mode::Paper,
             Self::Star => Mode::Star(Robust::DEFAULT),
+            Self::Team => Mode::Team,
         }
     }
 }

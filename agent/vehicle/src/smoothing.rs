@@ -1,0 +1,619 @@
+//! Mode `team`: what everybody told of itself, this vehicle included, handed to the team estimator. Raw information only;
+//! nobody's estimate.
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+
+use nalgebra::Matrix6;
+use skein_estimation::cooperative::team::{Moment, Observation, Report, Settings, Team, Unused};
+use skein_estimation::odometry::{Gap, OdometryPoint};
+use skein_estimation::time::{Span, Stamp};
+use skein_estimation::{Body, Sensor, Transform, VehicleId, World};
+use skein_proto::document::{NoiseScales, TeamHealth, TeamMemberHealth};
+use skein_proto::fixed::Fixed;
+use skein_proto::measured::Measured;
+use skein_proto::name::Name;
+use skein_proto::record::Addressed;
+
+use crate::clock::PeerStamp;
+use crate::dead_reckoning::{DeadReckoning, motion};
+use crate::heard_rounds::{HeardAnchor, HeardRound};
+use crate::neighbours::{Boot, Neighbours};
+use crate::refused::Refused;
+use crate::rounds::Round;
+use crate::translate::{self, Sighting};
+
+/// Rounds that are looked through for what is of use: as long as the window keeps its poses while nobody is heard.
+const ROUNDS_BACK_MAX: i64 = 60;
+/// A neighbour's rounds are taken for one if they follow each other by less than this share of our period.
+const ROUND_SHARE_MIN: f64 = 0.4;
+/// A measurement is tied to a pose of the measured vehicle no farther away in time than this share of our period.
+const ROUND_SHARE_MAX: f64 = 0.6;
+/// As in `gathering.rs`: a reading so near to an instant is taken for one at it.
+const AT_THE_INSTANT: Span = Span::micros(200);
+/// Acceleration for which the error of interpolated odometry is allowed for.
+const INTERPOLATED_ACCELERATION_M_S2: f64 = 1.0;
+/// Rounds in a row that could not be solved, after which the estimator begins again.
+const UNDETERMINED_MAX: u32 = 5;
+
+/// The team estimator with what it has been told.
+#[derive(Clone, Debug)]
+pub(crate) struct Smoothing {
+    me: VehicleId,
+    period: Span,
+    team: Team,
+    /// This vehicle's own last rounds, as others hear them.
+    own_rounds: VecDeque<HeardRound>,
+    own_done: Done,
+    lives: BTreeMap<Name, Life>,
+    undetermined: u32,
+    last: Report,
+    restarts: u64,
+    pub(crate) restarted_at: Option<Stamp>,
+}
+
+/// Which measurements of which rounds need not be looked at again.
+type Done = BTreeSet<(PeerStamp, usize)>;
+
+/// The life of a neighbour that the estimator knows: one boot, one anchor.
+#[derive(Clone, Debug)]
+struct Life {
+    boot: u64,
+    anchored: Option<Stamp>,
+    stepped_at: Option<PeerStamp>,
+    done: Done,
+}
+
+/// Somebody who told rounds.
+struct Teller<'a> {
+    name: Option<Name>,
+    id: VehicleId,
+    /// None for this vehicle.
+    boot: Option<&'a Boot>,
+    /// Its rounds of late, in order, with their instants on our clock.
+    rounds: Vec<(Stamp, &'a HeardRound)>,
+    body_from_target: Transform<Body, Sensor>,
+}
+
+/// What a round is smoothed from.
+pub(crate) struct Told<'a> {
+    pub(crate) round: &'a Round,
+    pub(crate) odometry: OdometryPoint,
+    pub(crate) prior: Transform<World, Body>,
+    pub(crate) neighbours: &'a Neighbours,
+    pub(crate) reckoning: &'a DeadReckoning,
+    pub(crate) body_from_target: Transform<Body, Sensor>,
+}
+
+/// What came of a round.
+pub(crate) struct Smoothed {
+    pub(crate) report: Report,
+    /// Measurements that were not used, and whose they are.
+    pub(crate) refused: Vec<(Name, Refused)>,
+    /// Of whom a hash is.
+    pub(crate) names: BTreeMap<VehicleId, Name>,
+}
+
+/// Why a measurement has no ends.
+enum NoEnds {
+    /// What is missing may still come.
+    NotYet,
+    Never(Refused),
+}
+
+impl Smoothing {
+    pub(crate) fn new(me: Name, period: Span) -> Self {
+        let me = VehicleId(me.hash());
+        Self {
+            me,
+            period,
+            team: Team::new(me, period, Settings::DEFAULT),
+            own_rounds: VecDeque::new(),
+            own_done: Done::new(),
+            lives: BTreeMap::new(),
+            undetermined: 0,
+            last: Report::default(),
+            restarts: 0,
+            restarted_at: None,
+        }
+    }
+
+    pub(crate) const fn team(&self) -> &Team {
+        &self.team
+    }
+
+    /// Everything estimated so far holds no more: this vehicle was told where it is, or nothing could be solved.
+    pub(crate) fn begin_again(&mut self) {
+        self.team = Team::new(self.me, self.period, Settings::DEFAULT);
+        self.own_done.clear();
+        self.lives.clear();
+        self.undetermined = 0;
+    }
+
+    /// How certain the own pose is at a point of odometry not before the last solved round: of a twist on the body's side.
+    pub(crate) fn covariance_at(&self, point: &OdometryPoint) -> Option<Matrix6<f64>> {
+        let own = self.team.own()?;
+        own.carried_to(point, self.team.scales())
+    }
+
+    /// Keeps an own round as others will hear it.
+    pub(crate) fn note(&mut self, round: &Round) {
+        let Some(point) = round.odometry else {
+            return;
+        };
+        let addressed = |(name, list): (&Name, &Vec<Measured>)| {
+            let to = name.hash();
+            let list = list.iter().map(|measured| Addressed {
+                to,
+                measured: *measured,
+            });
+            list.collect::<Vec<_>>()
+        };
+        let fixes = round.fixes.iter();
+        self.own_rounds.push_back(HeardRound {
+            instant: PeerStamp::from_nanos(round.instant.as_nanos()),
+            point,
+            growth_known: true,
+            measured: round.measured.iter().flat_map(addressed).collect(),
+            fixes: fixes
+                .filter_map(|fix| translate::fold_fix(&fix.value, &fix.body_from_sensor).ok())
+                .collect(),
+        });
+        while self.own_rounds.len() as i64 > ROUNDS_BACK_MAX {
+            self.own_rounds.pop_front();
+        }
+    }
+
+    /// Whether everybody who was told something in a round has told its own round of that time.
+    pub(crate) fn is_complete(&self, round: &Round, neighbours: &Neighbours) -> bool {
+        let reach = share(self.period, ROUND_SHARE_MAX);
+        round.told.iter().all(|name| {
+            let boot = neighbours
+                .get(*name)
+                .and_then(|neighbour| neighbour.usable());
+            boot.is_none_or(|boot| {
+                let mut rounds = boot.rounds.iter().rev();
+                rounds.any(|heard| {
+                    boot.clock
+                        .to_mine(heard.instant)
+                        .is_some_and(|mine| (mine - round.instant).abs() <= reach)
+                })
+            })
+        })
+    }
+
+    /// Smooths a round with everything that was told.
+    pub(crate) fn solve(&mut self, now: Stamp, told: &Told<'_>) -> Smoothed {
+        let mut refused = Vec::new();
+        self.meet(told);
+        self.locate_own(told);
+        let own_rounds = std::mem::take(&mut self.own_rounds);
+        let tellers = self.tellers(told, &own_rounds);
+        // Whoever is located by a measurement has poses from then on, which others may have measured.
+        for _ in 0..=tellers.len() {
+            let located = self.located(&tellers);
+            self.hear(&tellers);
+            self.measure(told, &tellers, &mut refused);
+            if self.located(&tellers) == located {
+                break;
+            }
+        }
+        let names = tellers
+            .iter()
+            .filter_map(|teller| Some((teller.id, teller.name?)));
+        let names = names.collect();
+        self.forget_done(told.round.instant, &tellers);
+        drop(tellers);
+        self.own_rounds = own_rounds;
+        let report = self.team.solve();
+        self.last = report.clone();
+        self.undetermined = if report.undetermined {
+            self.undetermined + 1
+        } else {
+            0
+        };
+        if self.undetermined >= UNDETERMINED_MAX {
+            self.begin_again();
+            self.restarts += 1;
+            self.restarted_at = Some(now);
+        }
+        Smoothed {
+            report,
+            refused,
+            names,
+        }
+    }
+
+    /// Whoever began a new life is forgotten: of its odometry nothing holds across two.
+    fn meet(&mut self, told: &Told<'_>) {
+        for (name, neighbour) in told.neighbours.iter() {
+            let Some(boot) = neighbour.usable() else {
+                continue;
+            };
+            let anchored = boot.rounds.anchor().map(|anchor| anchor.point.taken);
+            let known = self.lives.get(&name);
+            let goes_on = known.is_some_and(|life| {
+                let same_anchor = life.anchored.is_none() || life.anchored == anchored;
+                life.boot == boot.id && life.stepped_at == boot.stepped_at && same_anchor
+            });
+            if goes_on {
+                if let Some(life) = self.lives.get_mut(&name) {
+                    life.anchored = anchored;
+                }
+                continue;
+            }
+            self.team.forget(VehicleId(name.hash()));
+            self.lives.insert(
+                name,
+                Life {
+                    boot: boot.id,
+                    anchored,
+                    stepped_at: boot.stepped_at,
+                    done: Done::new(),
+                },
+            );
+        }
+        let is_known = |name: &Name| told.neighbours.get(*name).is_some();
+        self.lives.retain(|name, _| is_known(name));
+    }
+
+    /// This vehicle joins: where it was told to be, or where it was placed, of which nothing is known but that.
+    fn locate_own(&mut self, told: &Told<'_>) {
+        if self.team.is_located(self.me) {
+            return;
+        }
+        let moment = |point: &OdometryPoint| Moment {
+            vehicle: self.me,
+            instant: point.taken,
+            point: *point,
+        };
+        let now = moment(&told.odometry);
+        let started = told.reckoning.anchor().is_some_and(|anchor| {
+            let start = &anchor.told;
+            let sigmas = (start.rotation_sigma_rad, start.translation_sigma_m);
+            self.team
+                .start(
+                    &moment(&anchor.point),
+                    &now,
+                    &start.world_from_body,
+                    sigmas.0,
+                    sigmas.1,
+                )
+                .is_ok()
+        });
+        if !started {
+            let _ = self.team.place(&now, &told.prior);
+        }
+    }
+
+    fn tellers<'a>(
+        &self,
+        told: &Told<'a>,
+        own_rounds: &'a VecDeque<HeardRound>,
+    ) -> Vec<Teller<'a>> {
+        let since = told.round.instant - self.period * ROUNDS_BACK_MAX;
+        let until = told.round.instant + share(self.period, ROUND_SHARE_MAX);
+        let own = own_rounds.iter().filter_map(|round| {
+            let instant = round.instant.on_its_own_clock();
+            (instant <= told.round.instant).then_some((instant, round))
+        });
+        let mut tellers = vec![Teller {
+            name: None,
+            id: self.me,
+            boot: None,
+            rounds: own.collect(),
+            body_from_target: told.body_from_target,
+        }];
+        for (name, neighbour) in told.neighbours.iter() {
+            let Some(boot) = neighbour.usable() else {
+                continue;
+            };
+            let mut rounds: Vec<(Stamp, &HeardRound)> = Vec::new();
+            for round in boot.rounds.iter() {
+                let Some(mine) = boot.clock.to_mine(round.instant) else {
+                    continue;
+                };
+                let is_apart = rounds
+                    .last()
+                    .is_none_or(|(last, _)| mine - *last >= share(self.period, ROUND_SHARE_MIN));
+                if round.growth_known && mine >= since && mine <= until && is_apart {
+                    rounds.push((mine, round));
+                }
+            }
+            tellers.push(Teller {
+                name: Some(name),
+                id: VehicleId(name.hash()),
+                boot: Some(boot),
+                rounds,
+                body_from_target: boot.body_from_target,
+            });
+        }
+        tellers
+    }
+
+    fn located(&self, tellers: &[Teller<'_>]) -> usize {
+        let located = tellers
+            .iter()
+            .filter(|teller| self.team.is_located(teller.id));
+        located.count()
+    }
+
+    /// Everybody's poses.
+    fn hear(&mut self, tellers: &[Teller<'_>]) {
+        for teller in tellers {
+            for (instant, round) in &teller.rounds {
+                let moment = teller.moment(*instant, round);
+                match self.team.heard(&moment) {
+                    Err(Unused::Interrupted) => self.team.forget(teller.id),
+                    Err(Unused::Unlocated) => {
+                        if self.start(teller, &moment) {
+                            let _ = self.team.heard(&moment);
+                        }
+                    }
+                    _ => {}
+                }
+            }
+        }
+    }
+
+    /// Ties a neighbour to the world by its anchor, if it told one that is still worth something.
+    fn start(&mut self, teller: &Teller<'_>, now: &Moment) -> bool {
+        let Some(boot) = teller.boot else {
+            return false;
+        };
+        let Some(HeardAnchor {
+            point,
+            growth_known: true,
+            told,
+        }) = boot.rounds.anchor()
+        else {
+            return false;
+        };
+        let instant = boot
+            .clock
+            .to_mine(PeerStamp::from_nanos(point.taken.as_nanos()));
+        let Some(instant) = instant else {
+            return false;
+        };
+        let at = Moment {
+            vehicle: teller.id,
+            instant,
+            point: *point,
+        };
+        let sigmas = (told.rotation_sigma_rad, told.translation_sigma_m);
+        self.team
+            .start(&at, now, &told.world_from_body, sigmas.0, sigmas.1)
+            .is_ok()
+    }
+
+    /// Everybody's measurements and fixes that were not looked at before.
+    fn measure(
+        &mut self,
+        told: &Told<'_>,
+        tellers: &[Teller<'_>],
+        refused: &mut Vec<(Name, Refused)>,
+    ) {
+        for teller in tellers {
+            let mut done = std::mem::take(self.done(teller));
+            for (instant, round) in &teller.rounds {
+                let from = teller.moment(*instant, round);
+                for (nth, addressed) in round.measured.iter().enumerate() {
+                    if done.contains(&(round.instant, nth)) {
+                        continue;
+                    }
+                    let outcome = self.tie(told, tellers, &from, addressed);
+                    if self.is_settled(&outcome, told, *instant) {
+                        done.insert((round.instant, nth));
+                        let whose = teller.name.or_else(|| {
+                            let of = |other: &&Teller<'_>| other.id.0 == addressed.to;
+                            tellers.iter().find(of)?.name
+                        });
+                        refused.extend(whose.zip(outcome.err().and_then(NoEnds::refused)));
+                    }
+                }
+                for (nth, fixed) in round.fixes.iter().enumerate() {
+                    let key = (round.instant, round.measured.len() + nth);
+                    if done.contains(&key) {
+                        continue;
+                    }
+                    let outcome = self.fix(&from, nth, fixed);
+                    if self.is_settled(&outcome, told, *instant) {
+                        done.insert(key);
+                    }
+                }
+            }
+            *self.done(teller) = done;
+        }
+    }
+
+    /// Whether nothing more can come of a measurement.
+    fn is_settled(&self, outcome: &Result<(), NoEnds>, told: &Told<'_>, instant: Stamp) -> bool {
+        let is_last = told.round.instant - instant >= self.period * (ROUNDS_BACK_MAX - 1);
+        is_last || !matches!(outcome, Err(NoEnds::NotYet))
+    }
+
+    fn done(&mut self, teller: &Teller<'_>) -> &mut Done {
+        match teller.name.and_then(|name| self.lives.get_mut(&name)) {
+            Some(life) => &mut life.done,
+            None => &mut self.own_done,
+        }
+    }
+
+    fn forget_done(&mut self, now: Stamp, tellers: &[Teller<'_>]) {
+        let since = now - self.period * ROUNDS_BACK_MAX;
+        for teller in tellers {
+            let oldest = match teller.boot {
+                None => Some(PeerStamp::from_nanos(since.as_nanos())),
+                Some(boot) => boot.clock.to_peer(since),
+            };
+            if let Some(oldest) = oldest {
+                let oldest = oldest.plus(-self.period);
+                let done = self.done(teller);
+                *done = done.split_off(&(oldest, 0));
+            }
+        }
+    }
+
+    /// Gives the estimator one measurement.
+    fn tie(
+        &mut self,
+        told: &Told<'_>,
+        tellers: &[Teller<'_>],
+        from: &Moment,
+        addressed: &Addressed,
+    ) -> Result<(), NoEnds> {
+        let of = tellers.iter().find(|teller| teller.id.0 == addressed.to);
+        let of = of.ok_or(NoEnds::NotYet)?;
+        let Sighting {
+            measurement,
+            mut noise,
+            from_end,
+        } = translate::sighting(&addressed.measured.value).map_err(NoEnds::Never)?;
+        let offset = Span::micros(i64::from(addressed.measured.taken_offset_us));
+        if offset > Span::ZERO {
+            return Err(NoEnds::Never(Refused::FromTheFuture));
+        }
+        let taken = from.instant + offset;
+        let nearest = of
+            .rounds
+            .iter()
+            .min_by_key(|(instant, _)| (*instant - taken).abs())
+            .filter(|(instant, _)| (*instant - taken).abs() <= share(self.period, ROUND_SHARE_MAX));
+        let (instant, round) = nearest.ok_or(NoEnds::NotYet)?;
+        let to = of.moment(*instant, round);
+        let body_round_from_taken = of.moved(&to, taken, told.reckoning)?;
+        let apart_s = (taken - *instant).abs().max(offset.abs()).as_secs_f64();
+        if noise.translation > 0.0 && apart_s > AT_THE_INSTANT.as_secs_f64() {
+            let period_s = self.period.as_secs_f64();
+            let within_s = apart_s.min(0.5 * period_s);
+            let bent_m = 0.5 * INTERPOLATED_ACCELERATION_M_S2 * within_s * (period_s - within_s);
+            noise.translation = noise.translation.hypot(bent_m);
+        }
+        let observation = Observation {
+            measurement,
+            noise,
+            from_end,
+            to_end: body_round_from_taken * of.body_from_target,
+        };
+        self.team
+            .measured(from, &to, &observation)
+            .map_err(NoEnds::of)
+    }
+
+    /// Gives the estimator one fix.
+    fn fix(&mut self, at: &Moment, nth: usize, fixed: &Fixed) -> Result<(), NoEnds> {
+        let observation = translate::fixed(fixed).map_err(NoEnds::Never)?;
+        let nth = u8::try_from(nth).unwrap_or(u8::MAX);
+        self.team.fixed(at, nth, &observation).map_err(NoEnds::of)
+    }
+
+    /// What the health says of the estimator.
+    pub(crate) fn to_document(&self) -> TeamHealth {
+        let (scales, counted) = (self.team.scales(), self.team.statistics());
+        let own = self.team.own();
+        let sigma = |from: usize| {
+            let covariance = own.map(|own| own.covariance)?;
+            let sum: f64 = (from..from + 3).map(|axis| covariance[(axis, axis)]).sum();
+            Some(sum.sqrt()).filter(|sigma| sigma.is_finite())
+        };
+        TeamHealth {
+            noise_scales: NoiseScales {
+                odometry_rotation: scales.odometry.rotation(),
+                odometry_translation: scales.odometry.translation(),
+                measurement_rotation: scales.measurement.rotation(),
+                measurement_translation: scales.measurement.translation(),
+            },
+            lag_rounds: counted.lag_rounds,
+            poses: counted.poses,
+            members: counted.members,
+            edges: counted.edges,
+            new_edges: self.last.verdicts.len() as u64,
+            gated: self
+                .last
+                .verdicts
+                .iter()
+                .filter(|verdict| verdict.failed_gate)
+                .count() as u64,
+            gated_total: counted.gated_total,
+            edges_total: counted.edges_total,
+            left_out: counted.left_out,
+            evicted: counted.evicted,
+            restarts: self.restarts,
+            position_sigma_m: sigma(3),
+            rotation_sigma_rad: sigma(0),
+        }
+    }
+
+    /// What it thinks of a neighbour: its health, and whether it is in quarantine.
+    pub(crate) fn member(&self, name: Name) -> Option<(TeamMemberHealth, bool)> {
+        let member = self.team.member(VehicleId(name.hash()))?;
+        let document = TeamMemberHealth {
+            doubted_share: member.doubted_share,
+            odometry_ratio: member.odometry_ratio,
+            gyro_bias_rad_s: member.gyro_bias_rad_s.map(|turned| -turned),
+            odometer_scale: member.odometer_scale,
+            odometry_liar: member.odometry_lies,
+        };
+        Some((document, member.quarantined))
+    }
+}
+
+impl Teller<'_> {
+    const fn moment(&self, instant: Stamp, round: &HeardRound) -> Moment {
+        Moment {
+            vehicle: self.id,
+            instant,
+            point: round.point,
+        }
+    }
+
+    /// `body@moment_from_body@taken`.
+    fn moved(
+        &self,
+        moment: &Moment,
+        taken: Stamp,
+        reckoning: &DeadReckoning,
+    ) -> Result<Transform<Body, Body>, NoEnds> {
+        if (taken - moment.instant).abs() <= AT_THE_INSTANT {
+            return Ok(Transform::identity());
+        }
+        let at = match self.boot {
+            None => reckoning.near(taken),
+            Some(boot) => {
+                let peer = boot.clock.to_peer(taken);
+                boot.odometry_at(peer.ok_or(NoEnds::Never(Refused::ClockUnknown))?)
+            }
+        };
+        match at {
+            Ok(at) => motion(&moment.point, &at).ok_or(NoEnds::Never(Refused::NoOdometry)),
+            Err(Gap::NotYet) => Err(NoEnds::NotYet),
+            Err(Gap::Before | Gap::Interrupted) => Err(NoEnds::Never(Refused::NoOdometry)),
+        }
+    }
+}
+
+impl NoEnds {
+    const fn of(unused: Unused) -> Self {
+        match unused {
+            Unused::Unlocated | Unused::Interrupted => Self::NotYet,
+            Unused::TooLate => Self::Never(Refused::TooLate),
+            Unused::Counted => Self::Never(Refused::Duplicate),
+            Unused::LeftOut | Unused::Full => Self::Never(Refused::Full),
+            Unused::Quarantined => Self::Never(Refused::Quarantined),
+            Unused::SameVehicle => Self::Never(Refused::NotForMe),
+            Unused::Unusable => Self::Never(Refused::NoOdometry),
+        }
+    }
+
+    /// What is counted of a measurement of which nothing comes. One whose ends were never told lacks their odometry.
+    fn refused(self) -> Option<Refused> {
+        match self {
+            Self::NotYet => Some(Refused::NoOdometry),
+            Self::Never(why) => Some(why),
+        }
+    }
+}
+
+/// A share of a period.
+fn share(period: Span, share: f64) -> Span {
+    Span::from_secs_f64(period.as_secs_f64() * share)
+}
