@@ -61,6 +61,15 @@ pub struct Assigned {
     pub dropped: u64,
 }
 
+/// As what a reading of a robot is told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Told {
+    /// As a position, equally noisy in all directions.
+    Position,
+    /// As a bearing and a range.
+    BearingAndRange,
+}
+
 /// A recording, cut at the start and turned into frames. Zero is its first common time; until then everyone stands.
 #[derive(Debug)]
 pub struct Recorded {
@@ -72,6 +81,8 @@ pub struct Recorded {
     frames: Vec<Vec<Delivery>>,
     next: Vec<usize>,
     mode: Mode,
+    readings: Readings,
+    told: Told,
     identities: Identities,
     /// The newest published poses.
     published: Vec<Option<Pose>>,
@@ -118,6 +129,8 @@ impl Recorded {
             mode: Mode::default(),
             identities: Identities::default(),
             frames: Vec::new(),
+            readings,
+            told: Told::Position,
             recording,
             calibration,
             start_ns,
@@ -130,10 +143,17 @@ impl Recorded {
         Ok(recorded)
     }
 
-    /// The same, flown in another mode.
+    /// The same, flown in another mode. A mode that weighs measurements by their noise is told bearing and range, each
+    /// with its own; the others a position.
     #[must_use]
-    pub const fn in_mode(mut self, mode: Mode) -> Self {
+    pub fn in_mode(mut self, mode: Mode) -> Self {
         self.mode = mode;
+        if mode == Mode::Team {
+            self.told = Told::BearingAndRange;
+        }
+        self.frames = (0..self.starts.len())
+            .map(|robot| self.make_frames(robot, self.readings))
+            .collect();
         self
     }
 
@@ -238,45 +258,66 @@ impl Recorded {
         let lag_ns = crate::world::nanos(self.calibration.camera_lag_s);
         let flown = self.start_ns + 1..self.end_ns;
         for reading in readings.filter(|reading| flown.contains(&reading.time_ns)) {
-            let Some(frame) = self.sighting(&reading) else {
-                continue;
-            };
-            frames.push(Delivery {
-                at_ns: reading.time_ns + lag_ns - self.start_ns,
-                sensor: fixed(CAMERA),
-                frame,
-            });
+            for frame in self.sighting(&reading) {
+                frames.push(Delivery {
+                    at_ns: reading.time_ns + lag_ns - self.start_ns,
+                    sensor: fixed(CAMERA),
+                    frame,
+                });
+            }
         }
         frames.sort_by_key(|delivery| delivery.at_ns);
         frames
     }
 
-    /// What the camera saw, as a frame; none for a landmark that was not surveyed.
-    fn sighting(&self, reading: &CalibratedReading) -> Option<Frame> {
+    /// What the camera saw, as frames; none for a landmark that was not surveyed.
+    fn sighting(&self, reading: &CalibratedReading) -> Vec<Frame> {
         let (sin, cos) = reading.bearing_rad.sin_cos();
         // The robots stand on one floor, and their cameras and all barcodes at one height.
-        let position_m = [reading.range_m * cos, reading.range_m * sin, 0.0];
+        let direction = [cos, sin, 0.0];
+        let position_m = direction.map(|axis| axis * reading.range_m);
         let across_m = reading.range_m * reading.bearing_std_rad;
         let sigma_m = reading.range_std_m.max(across_m).max(SIGMA_MIN);
         let taken_ns = reading.time_ns;
         match reading.subject {
-            Subject::Robot(target) => Some(Frame::Relative(RelativeFrame {
-                taken_ns,
-                target: self.name(target),
-                value: RelativeValue::Position {
-                    position_m,
-                    sigma_m,
-                },
-            })),
+            Subject::Robot(target) => {
+                let values = match self.told {
+                    Told::Position => vec![RelativeValue::Position {
+                        position_m,
+                        sigma_m,
+                    }],
+                    Told::BearingAndRange => vec![
+                        RelativeValue::Bearing {
+                            direction,
+                            sigma_rad: reading.bearing_std_rad.max(SIGMA_MIN),
+                        },
+                        RelativeValue::Distance {
+                            distance_m: reading.range_m,
+                            sigma_m: reading.range_std_m.max(SIGMA_MIN),
+                        },
+                    ],
+                };
+                let target = self.name(target);
+                let frame = |value| {
+                    Frame::Relative(RelativeFrame {
+                        taken_ns,
+                        target,
+                        value,
+                    })
+                };
+                values.into_iter().map(frame).collect()
+            }
             Subject::Landmark(subject) => {
                 let landmarks = &self.recording.landmarks;
-                let landmark = landmarks.iter().find(|known| known.subject == subject)?;
+                let Some(landmark) = landmarks.iter().find(|known| known.subject == subject) else {
+                    return Vec::new();
+                };
                 let value = FixValue::Landmark {
                     landmark_m: [landmark.x_m, landmark.y_m, 0.0],
                     position_m,
                     sigma_m,
                 };
-                Some(Frame::Fix(FixFrame { taken_ns, value }))
+                vec![Frame::Fix(FixFrame { taken_ns, value })]
             }
         }
     }

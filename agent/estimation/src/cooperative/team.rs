@@ -25,10 +25,10 @@ mod skyline;
 mod stretch;
 mod window;
 
-use nalgebra::{Matrix6, Vector3};
+use nalgebra::{Matrix6, Vector3, Vector6};
 
 use self::doubt::Remedy;
-use self::measured_edge::{Linear, degrees_of_freedom};
+use self::measured_edge::degrees_of_freedom;
 use self::normal::{Normal, NotDetermined};
 use self::window::Window;
 use super::measurement::{Kind, Measurement, Noise};
@@ -404,20 +404,11 @@ impl Team {
                 continue;
             }
             let spread = self.normal.covariance_of(window, edge, &linear.twist);
-            let (angles, lengths) = halves(&linear, &spread, edge.weight);
             let (rotation, translation) = degrees_of_freedom(edge.measurement.kind());
-            if rotation > 0.0 {
-                scales
-                    .measurement
-                    .rotation
-                    .note(angles.0, rotation - angles.1);
-            }
-            if translation > 0.0 {
-                scales
-                    .measurement
-                    .translation
-                    .note(lengths.0, translation - lengths.1);
-            }
+            let angles = left_over(&linear.residual, &spread, 0, rotation, edge.weight);
+            let lengths = left_over(&linear.residual, &spread, 3, translation, edge.weight);
+            scales.measurement.rotation.note(angles.0, angles.1);
+            scales.measurement.translation.note(lengths.0, lengths.1);
         }
         let ratios = self
             .normal
@@ -537,14 +528,34 @@ impl Team {
     }
 }
 
-/// Squares and spread of the first three rows, and of the last three, each by the edge's weight.
-fn halves(linear: &Linear, spread: &Matrix6<f64>, weight: f64) -> ((f64, f64), (f64, f64)) {
-    let half = |from: usize| {
-        let residual: Vector3<f64> = linear.residual.fixed_rows::<3>(from).into();
-        let spread: f64 = (from..from + 3).map(|row| spread[(row, row)]).sum();
-        (weight * residual.norm_squared(), weight * spread)
+/// A whitened residual below this is no noise: of robots on a plane, what stands upright says nothing of their sensors.
+const NO_NOISE: f64 = 1e-6;
+
+/// The squares of the three rows from `first` on, and what was expected of them, by the weight of their edge. Rows without
+/// any noise do not count.
+fn left_over(
+    residual: &Vector6<f64>,
+    spread: &Matrix6<f64>,
+    first: usize,
+    degrees_of_freedom: f64,
+    weight: f64,
+) -> (f64, f64) {
+    // A distance has one row, a bearing three for its two degrees of freedom.
+    let rows = if degrees_of_freedom > 1.0 {
+        3
+    } else {
+        degrees_of_freedom as usize
     };
-    (half(0), half(3))
+    let (mut squares, mut expected) = (0.0, degrees_of_freedom);
+    for row in first..first + rows {
+        if residual[row].abs() > NO_NOISE {
+            squares += weight * residual[row] * residual[row];
+            expected -= weight * spread[(row, row)];
+        } else {
+            expected -= 1.0;
+        }
+    }
+    (squares, expected.max(0.0))
 }
 
 /// Whether a kind tells the whole relative pose.

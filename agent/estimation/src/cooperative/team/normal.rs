@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, Matrix6, SMatrix, SVector, Vector4, Vector6};
 
+use super::left_over;
 use super::measured_edge::MeasuredEdge;
 use super::noise_scales::NoiseScales;
 use super::prior::{Anchor, Unknown};
@@ -371,11 +372,7 @@ impl Normal {
             let vehicle = window.poses[pair.1].vehicle;
             let biases = Some((self.biases[&vehicle], &linear.bias));
             let spread = self.spread(Some(pair.0), pair.1, &linear.twist, biases);
-            let half = |from: usize| {
-                let squares = linear.residual.rows(from, 3).norm_squared();
-                let spread: f64 = (from..from + 3).map(|row| spread[(row, row)]).sum();
-                (squares, (3.0 - spread).max(0.0))
-            };
+            let half = |first: usize| left_over(&linear.residual, &spread, first, 3.0, 1.0);
             let (rotation, translation) = (half(0), half(3));
             if !window.members[&vehicle].odometry.lies {
                 noted.odometry.rotation.note(rotation.0, rotation.1);
