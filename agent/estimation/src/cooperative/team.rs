@@ -526,3 +526,6 @@ fn halves(linear: &Linear, spread: &Matrix6<f64>, weight: f64) -> ((f64, f64), (
 const fn is_whole(kind: Kind) -> bool {
     matches!(kind, Kind::Pose)
 }
+
+#[cfg(test)]
+mod tests;
