@@ -4,6 +4,7 @@ mod common_motion;
 mod counted_once;
 mod doubts;
 mod factors;
+mod hostile;
 mod known_answers;
 mod marginalising;
 mod members;

@@ -12,14 +12,15 @@ use super::noise_scales::NoiseScales;
 use super::normal::Sums;
 use super::prior::{Anchor, Prior, Unknown};
 use super::settings::{
-    BiasRange, EDGES_MAX, MEMBERS_MAX, POSES_MAX, Settings, UNKNOWN_START, WORN_START_RAD,
+    BiasRange, EDGES_BY_ONE_MAX, EDGES_MAX, LEVER_MAX_M, MEMBERS_MAX, NOISE_MIN, POSES_MAX,
+    POSES_OF_ONE_MAX, REACH_M, Settings, UNKNOWN_START, WORN_START_RAD,
 };
 use super::stretch::{self, Stretch};
 use super::{Moment, Observation, PoseEstimate, RelativeEstimate, Unused, is_whole};
-use crate::cooperative::measurement::{Kind, Measurement};
+use crate::cooperative::measurement::{Kind, Measurement, Noise};
 use crate::odometry::OdometryPoint;
 use crate::time::{Span, Stamp};
-use crate::{Body, Transform, VehicleId, World};
+use crate::{Body, Sensor, Transform, VehicleId, World};
 
 /// A vehicle that was heard so many rounds ago is present.
 pub(super) const PRESENT_ROUNDS: i64 = 5;
@@ -206,40 +207,65 @@ impl Window {
         let Some(member) = self.members.get(&moment.vehicle) else {
             return Err(Unused::Unlocated);
         };
-        let own = self
-            .poses
-            .iter()
-            .filter(|pose| pose.vehicle == moment.vehicle);
-        let before = own
+        let taken = |pose: &&Pose| pose.point.taken;
+        let all = self.poses_of(moment.vehicle);
+        let before = all
             .filter(|pose| pose.point.taken <= moment.point.taken)
-            .max_by_key(|pose| pose.point.taken)
+            .max_by_key(taken)
             .ok_or(Unused::TooLate)?;
-        if before.point.taken == moment.point.taken {
-            return Ok(before.id);
-        }
         if before.point.segment != moment.point.segment {
             return Err(Unused::Interrupted);
         }
-        if self.poses.len() >= POSES_MAX {
+        if before.point.taken == moment.point.taken {
+            return Ok(before.id);
+        }
+        if !self.has_room_for(moment.vehicle) {
             return Err(Unused::Full);
+        }
+        if !moment.point.odometry_from_body.is_valid() {
+            return Err(Unused::Unusable);
         }
         let stretch = Stretch {
             earlier: &before.point,
             later: &moment.point,
         };
         let predicted = stretch.predict(&before.world_from_body, &member.biases.value);
-        let linear = stretch.linearise(
-            &before.world_from_body,
-            &predicted,
-            &member.biases.value,
-            (1.0, 1.0),
-            &self.settings,
-            self.period_s(),
-        );
-        if linear.is_none() || !predicted.is_valid() {
+        // A late moment splits a stretch, of which the second part must be one too.
+        let all = self.poses_of(moment.vehicle);
+        let after = all
+            .filter(|pose| pose.point.taken > moment.point.taken)
+            .min_by_key(taken);
+        let rest = after.map(|after| Stretch {
+            earlier: &moment.point,
+            later: &after.point,
+        });
+        let is_sound = |stretch: &Stretch<'_>| stretch.is_sound(&self.settings, self.period_s());
+        if !is_sound(&stretch) || !rest.as_ref().is_none_or(is_sound) || !is_in_reach(&predicted) {
             return Err(Unused::Unusable);
         }
         Ok(self.insert(moment, predicted))
+    }
+
+    fn poses_of(&self, vehicle: VehicleId) -> impl Iterator<Item = &Pose> {
+        let of = move |pose: &&Pose| pose.vehicle == vehicle;
+        self.poses.iter().filter(of)
+    }
+
+    /// Whether a vehicle may have one more pose: nobody's flood keeps this vehicle from its own.
+    fn has_room_for(&self, vehicle: VehicleId) -> bool {
+        let others_max = POSES_MAX - POSES_OF_ONE_MAX;
+        let own = self.poses_of(self.own).count();
+        self.poses_of(vehicle).count() < POSES_OF_ONE_MAX
+            && (vehicle == self.own || self.poses.len() - own < others_max)
+    }
+
+    /// Whether a vehicle may have measured one more thing.
+    fn has_room_for_edge_by(&self, vehicle: VehicleId) -> bool {
+        let all = || self.edges.iter().chain(&self.tested);
+        let by_others = all().filter(|edge| edge.by != self.own).count();
+        let others_max = EDGES_MAX - EDGES_BY_ONE_MAX;
+        all().filter(|edge| edge.by == vehicle).count() < EDGES_BY_ONE_MAX
+            && (vehicle == self.own || by_others < others_max)
     }
 
     pub(super) fn start(
@@ -281,18 +307,32 @@ impl Window {
             return Err(Unused::Counted);
         }
         let good = |sigma: f64| sigma.is_finite() && sigma > 0.0;
-        if !world_from_body.is_valid() || !good(sigmas.0) || !good(sigmas.1) {
+        let numbers = at.point.growth.to_numbers();
+        if !world_from_body.is_valid()
+            || !at.point.odometry_from_body.is_valid()
+            || !numbers.iter().all(|number| number.is_finite())
+            || !good(sigmas.0)
+            || !good(sigmas.1)
+        {
             return Err(Unused::Unusable);
         }
-        if self.members.len() >= MEMBERS_MAX || self.poses.len() >= POSES_MAX {
+        if self.members.len() >= MEMBERS_MAX || !self.has_room_for(at.vehicle) {
             return Err(Unused::Full);
         }
         if self.members.is_empty() {
             self.centre = world_from_body.translation;
         }
         let pose = self.in_the_window(world_from_body);
+        if !is_in_reach(&pose) {
+            return Err(Unused::Unusable);
+        }
         let id = self.insert(at, pose);
-        self.prior.add_pose(id, &pose, sigmas.0, sigmas.1);
+        self.prior.add_pose(
+            id,
+            &pose,
+            sigmas.0.clamp(NOISE_MIN.0, UNKNOWN_START.0),
+            sigmas.1.clamp(NOISE_MIN.1, UNKNOWN_START.1),
+        );
         let bias = self.settings.bias;
         self.prior
             .add_biases(at.vehicle, bias.gyro.start, bias.scale.start);
@@ -315,11 +355,11 @@ impl Window {
         if from.vehicle == to.vehicle {
             return Err(Unused::SameVehicle);
         }
-        if self.edges.len() + self.tested.len() >= EDGES_MAX {
+        if !self.has_room_for_edge_by(from.vehicle) {
             return Err(Unused::Full);
         }
         let measurement = &observation.measurement;
-        if observation.noise.check(measurement.kind()).is_err() {
+        if !is_usable(observation) || !is_lever(&observation.from_end) {
             return Err(Unused::Unusable);
         }
         let is_kept =
@@ -353,11 +393,11 @@ impl Window {
         nth: u8,
         observation: &Observation,
     ) -> Result<(), Unused> {
-        if self.edges.len() >= EDGES_MAX {
+        if !self.has_room_for_edge_by(at.vehicle) {
             return Err(Unused::Full);
         }
         let kind = observation.measurement.kind();
-        if observation.noise.check(kind).is_err() {
+        if !is_usable(observation) {
             return Err(Unused::Unusable);
         }
         if let (false, Measurement::Pose(pose)) = (
@@ -380,7 +420,7 @@ impl Window {
         Ok(())
     }
 
-    const fn edge(
+    fn edge(
         &self,
         from: Option<PoseId>,
         to: PoseId,
@@ -388,13 +428,18 @@ impl Window {
         of: VehicleId,
         observation: &Observation,
     ) -> MeasuredEdge {
+        // What a kind has not got is not looked at, and may be anything.
+        let noise = Noise {
+            rotation_rad: observation.noise.rotation_rad.max(NOISE_MIN.0),
+            translation: observation.noise.translation.max(NOISE_MIN.1),
+        };
         MeasuredEdge {
             from,
             to,
             from_end: observation.from_end,
             to_end: observation.to_end,
             measurement: observation.measurement,
-            noise: observation.noise,
+            noise,
             by,
             of,
             is_new: true,
@@ -799,6 +844,24 @@ impl Window {
                 .collect(),
         )
     }
+}
+
+/// Whether a pose of the window can be followed.
+fn is_in_reach(pose: &Transform<World, Body>) -> bool {
+    pose.is_valid() && pose.translation.norm() <= REACH_M
+}
+
+/// Whether an end is at a body.
+fn is_lever(end: &Transform<Body, Sensor>) -> bool {
+    end.is_valid() && end.translation.norm() <= LEVER_MAX_M
+}
+
+/// Whether an observation is one; its measurement was checked when it was made.
+fn is_usable(observation: &Observation) -> bool {
+    let kind = observation.measurement.kind();
+    observation.noise.check(kind).is_ok()
+        && observation.from_end.is_valid()
+        && is_lever(&observation.to_end)
 }
 
 /// Dense sums, for what is marginalised.
