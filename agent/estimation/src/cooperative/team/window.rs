@@ -362,8 +362,13 @@ impl Window {
         if !is_usable(observation) || !is_lever(&observation.from_end) {
             return Err(Unused::Unusable);
         }
-        let is_kept =
-            |kept: &BTreeSet<VehicleId>| kept.contains(&from.vehicle) && kept.contains(&to.vehicle);
+        // Whoever is not located yet may be near.
+        let is_one_of = |kept: &BTreeSet<VehicleId>, vehicle: &VehicleId| {
+            kept.contains(vehicle) || !self.members.contains_key(vehicle)
+        };
+        let is_kept = |kept: &BTreeSet<VehicleId>| {
+            is_one_of(kept, &from.vehicle) && is_one_of(kept, &to.vehicle)
+        };
         if !self.kept.as_ref().is_none_or(is_kept) {
             return Err(Unused::LeftOut);
         }
@@ -497,12 +502,13 @@ impl Window {
         Ok(())
     }
 
-    /// The frame's origin moves to this vehicle.
+    /// The frame's origin moves to this vehicle; while nobody knows where it is, to somebody.
     pub(super) fn recentre(&mut self) {
-        let Some(own) = self.newest_of(self.own) else {
+        let somebody = || self.newest_of(*self.members.keys().next()?);
+        let Some(middle) = self.newest_of(self.own).or_else(somebody) else {
             return;
         };
-        let shift = own.world_from_body.translation;
+        let shift = middle.world_from_body.translation;
         self.centre += shift;
         for pose in &mut self.poses {
             pose.world_from_body.translation -= shift;
@@ -510,10 +516,22 @@ impl Window {
         self.prior.recentre(&shift);
     }
 
+    /// The instant of the last round: of this vehicle's last pose or, while nobody knows where it is, one that half of
+    /// the others have reached.
+    fn newest_round(&self) -> Option<Stamp> {
+        if let Some(own) = self.newest_of(self.own) {
+            return Some(own.instant);
+        }
+        let others = self.members.keys().filter_map(|id| self.newest_of(*id));
+        let mut instants: Vec<Stamp> = others.map(|pose| pose.instant).collect();
+        instants.sort();
+        instants.get(instants.len() / 2).copied()
+    }
+
     /// The poses that have left the window go into the prior.
     pub(super) fn marginalise(&mut self, scales: &NoiseScales) {
         self.distance_rounds = self.distance_rounds.saturating_sub(1);
-        let Some(newest) = self.newest_of(self.own).map(|pose| pose.instant) else {
+        let Some(newest) = self.newest_round() else {
             return;
         };
         let others = self.poses.iter().filter(|pose| pose.vehicle != self.own);
@@ -626,6 +644,7 @@ impl Window {
             offsets.insert(*unknown, size);
             size += unknown.dimension();
         }
+        let lost_unknowns = gone.len();
         let lost: usize = gone.iter().map(|unknown| unknown.dimension()).sum();
         let mut sums = Dense {
             hessian: DMatrix::zeros(size, size),
@@ -652,12 +671,16 @@ impl Window {
         let across = hessian.view((lost, 0), (kept, lost)).into_owned();
         let mut lambda = hessian.view((lost, lost), (kept, kept)).into_owned();
         let mut beta = gradient.rows(lost, kept).into_owned();
-        // What nothing determines tells nothing of the rest.
-        if let Some(inner) = hessian.view((0, 0), (lost, lost)).into_owned().cholesky() {
-            beta -= &across * inner.solve(&gradient.rows(0, lost).into_owned());
+        let inner = hessian.view((0, 0), (lost, lost)).into_owned();
+        let gone = gradient.rows(0, lost).into_owned();
+        if let Some(inner) = inner.clone().cholesky() {
+            beta -= &across * inner.solve(&gone);
             lambda -= &across * inner.solve(&across.transpose());
+        } else if let Some(inner) = pseudo_inverse(inner) {
+            beta -= &across * (&inner * gone);
+            lambda -= &across * inner * across.transpose();
         }
-        let anchors = order[gone.len()..].iter().map(|unknown| match *unknown {
+        let anchors = order[lost_unknowns..].iter().map(|unknown| match *unknown {
             Unknown::Pose(id) => Anchor::Pose(id, self.poses[self.index(id)].world_from_body),
             Unknown::Biases(vehicle) => {
                 Anchor::Biases(vehicle, self.members[&vehicle].biases.value)
@@ -844,6 +867,20 @@ impl Window {
                 .collect(),
         )
     }
+}
+
+/// The inverse in the directions that something determines: the others tell nothing of the rest, as a sum of squares
+/// that a direction does not meet has no part across it. None of what are no numbers.
+fn pseudo_inverse(matrix: DMatrix<f64>) -> Option<DMatrix<f64>> {
+    if !matrix.iter().all(|number| number.is_finite()) {
+        return None;
+    }
+    let least = matrix.amax() * matrix.nrows() as f64 * f64::EPSILON;
+    let eigen = matrix.symmetric_eigen();
+    let inverse = eigen
+        .eigenvalues
+        .map(|value| if value > least { 1.0 / value } else { 0.0 });
+    Some(&eigen.eigenvectors * DMatrix::from_diagonal(&inverse) * eigen.eigenvectors.transpose())
 }
 
 /// Whether a pose of the window can be followed.

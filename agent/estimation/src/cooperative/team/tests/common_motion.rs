@@ -113,6 +113,29 @@ fn a_twist_of_everybody_meets_nothing_before_and_after_marginalising() {
 }
 
 #[test]
+fn whoever_goes_and_was_never_located_tells_nothing_of_who_measured_it() {
+    let conditions = Conditions {
+        kinds: vec![Kind::Distance],
+        ..Conditions::good(2, 1)
+    };
+    let flight = Flight::fly(SEED, &conditions);
+    let mut team = team_without_a_place(&flight, 2);
+    let known = DMatrix::from_diagonal_element(6, 6, 4.0);
+    team.window
+        .prior
+        .lambda
+        .view_mut((0, 0), (6, 6))
+        .copy_from(&known);
+    flight.hear(&mut team, 0);
+    team.window.weigh_edges(&team.scales, true, false);
+    team.window.end_round();
+    team.forget(id(1));
+    assert_eq!(team.window.poses.len(), 1);
+    let left = team.window.prior.lambda.view((0, 0), (6, 6)).into_owned();
+    assert!((left - known).norm() < 1e-6);
+}
+
+#[test]
 fn two_hundred_rounds_together_do_not_tell_a_team_where_it_is() {
     let flight = Flight::fly(SEED, &Conditions::good(4, 200));
     let mut team = Team::new(id(0), PERIOD, Settings::DEFAULT);

@@ -97,3 +97,47 @@ fn the_one_that_was_heard_longest_ago_makes_room() {
     start(&mut team, MEMBERS_MAX, 11).unwrap();
     assert!(!team.solve().undetermined);
 }
+
+#[test]
+fn the_window_does_not_grow_while_this_vehicle_is_not_located() {
+    let flight = Flight::fly(SEED, &Conditions::good(4, 80));
+    let mut team = Team::new(id(0), PERIOD, Settings::DEFAULT);
+    for vehicle in 1..4 {
+        let (moment, truth) = (&flight.moments[0][vehicle], &flight.truth[0][vehicle]);
+        team.start(moment, moment, truth, 1e-4, 1e-4).unwrap();
+    }
+    for round in 1..80 {
+        flight.hear_all_but(&mut team, round, 0);
+        assert!(!team.solve().undetermined);
+        let poses = team.statistics().poses;
+        assert!(poses <= 3 * 22, "round {round}: {poses}");
+    }
+    assert_eq!(team.own(), None);
+    assert!(team.world_from(id(1)).is_some());
+}
+
+#[test]
+fn only_the_nearest_are_measured_and_a_newcomer_is_located_all_the_same() {
+    let flight = Flight::fly(SEED, &Conditions::good(10, 8));
+    let mut team = Team::new(id(0), PERIOD, Settings::DEFAULT);
+    for vehicle in 0..9 {
+        let (moment, truth) = (&flight.moments[0][vehicle], &flight.truth[0][vehicle]);
+        team.start(moment, moment, truth, 1e-4, 1e-4).unwrap();
+    }
+    for round in 1..8 {
+        for moment in &flight.moments[round][..9] {
+            team.heard(moment).unwrap();
+        }
+        for sighting in &flight.sightings[round] {
+            let newcomer = sighting.from.max(sighting.to) == 9;
+            if round == 7 || !newcomer {
+                let told = flight.tell(&mut team, sighting, round);
+                assert!(matches!(told, Ok(()) | Err(Unused::LeftOut)), "{told:?}");
+            }
+        }
+        assert!(!team.solve().undetermined);
+    }
+    let statistics = team.statistics();
+    assert!(statistics.left_out > 0, "{statistics:?}");
+    assert!(team.is_located(id(9)), "whoever is unknown may be near");
+}
