@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::{DMatrix, DVector, Vector3, Vector4};
 
 use super::biases::{Biases, Fate};
-use super::doubt::{Doubt, LYING_NOISE, OdometryDoubt};
+use super::doubt::{Doubt, LYING_NOISE, MISPLACED_BY, Misplaced, OdometryDoubt};
 use super::measured_edge::{Linear, MeasuredEdge, PoseId};
 use super::noise_scales::NoiseScales;
 use super::normal::Sums;
@@ -64,6 +64,7 @@ pub(super) struct Member {
     pub(super) biases: Biases,
     pub(super) doubt: Doubt,
     pub(super) odometry: OdometryDoubt,
+    pub(super) misplaced: Misplaced,
     pub(super) relative: Option<RelativeEstimate>,
 }
 
@@ -340,6 +341,7 @@ impl Window {
             biases: Biases::new(&bias),
             doubt: Doubt::default(),
             odometry: OdometryDoubt::default(),
+            misplaced: Misplaced::default(),
             relative: None,
         };
         self.members.insert(at.vehicle, member);
@@ -736,6 +738,12 @@ impl Window {
         let scale = SUSPICIOUS_ROOM * self.settings.bias.scale.room;
         self.prior
             .wander(gyro * gyro, scale * scale, |other| other == vehicle);
+    }
+
+    /// A vehicle may be elsewhere: what was measured since brings it there.
+    pub(super) fn displace(&mut self, vehicle: VehicleId) {
+        let all: BTreeSet<PoseId> = self.poses_of(vehicle).map(|pose| pose.id).collect();
+        self.prior.displace(MISPLACED_BY, |id| all.contains(&id));
     }
 
     pub(super) fn biases(&self) -> Vec<(VehicleId, Vector4<f64>)> {

@@ -111,3 +111,67 @@ fn honest_vehicles_are_never_doubted() {
         }
     }
 }
+
+#[test]
+fn odometry_that_lies_is_believed_no_more_and_its_vehicle_is_still_found() {
+    let mut flight = Flight::fly(SEED, &Conditions::good(5, 140));
+    let begins = 45;
+    // From then on it slips: every round its odometry jumps sideways, now by more, now by less.
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+    let mut slip = Transform::<Body, Body>::identity();
+    for round in begins..140 {
+        slip = slip * Transform::new(UnitQuaternion::identity(), vector(&mut rng, 0.4));
+        let point = &mut flight.moments[round][2].point;
+        point.odometry_from_body = point.odometry_from_body * slip;
+    }
+    let mut team = flight.team(Settings::DEFAULT);
+    flight.follow(&mut team, 1);
+    for vehicle in 0..5 {
+        let member = team.member(id(vehicle)).unwrap();
+        assert_eq!(member.odometry_lies, vehicle == 2, "vehicle {vehicle}");
+        assert!(!member.quarantined, "vehicle {vehicle}");
+    }
+    let error = flight.own_error_m(&team, 139);
+    assert!(error < 0.3, "{error} m");
+    let (_, found) = team.world_from(id(2)).unwrap();
+    assert!(apart(&found, &flight.truth[139][2]) < 0.4);
+}
+
+#[test]
+fn a_vehicle_whose_odometry_slips_once_is_found_where_it_is() {
+    for (vehicles, who) in [(2, 0), (2, 1), (3, 1), (5, 0), (5, 2)] {
+        for metres in [0.5, 3.0, 20.0] {
+            let mut flight = Flight::fly(SEED, &Conditions::good(vehicles, 80));
+            let slip = Transform::<Body, Body>::new(
+                so3::exp(&Vector3::new(0.0, 0.0, 0.3)),
+                Vector3::new(0.0, metres, 0.0),
+            );
+            let before = flight.moments[39][who].point.odometry_from_body;
+            for round in 40..80 {
+                let odometry = &mut flight.moments[round][who].point.odometry_from_body;
+                *odometry = before * slip * (before.inverse() * *odometry);
+            }
+            let mut team = flight.team(Settings::DEFAULT);
+            flight.follow(&mut team, 1);
+            let other = usize::from(who == 0);
+            let (mine, theirs) = (team.world_from(id(who)), team.world_from(id(other)));
+            let between = mine.unwrap().1.inverse() * theirs.unwrap().1;
+            let truth = flight.truth[79][who].inverse() * flight.truth[79][other];
+            let off = apart(&between, &truth);
+            assert!(
+                off < 0.15,
+                "{vehicles} vehicles, {who} by {metres} m: {off}"
+            );
+            if vehicles > 2 {
+                let error = flight.own_error_m(&team, 79);
+                assert!(
+                    error < 0.3,
+                    "{vehicles} vehicles, {who} by {metres} m: {error} m"
+                );
+            }
+            for vehicle in 0..vehicles {
+                assert!(!team.member(id(vehicle)).unwrap().quarantined, "{vehicle}");
+            }
+        }
+    }
+}
