@@ -27,8 +27,8 @@ mod window;
 
 use nalgebra::{Matrix6, Vector3, Vector6};
 
-use self::doubt::Remedy;
-use self::measured_edge::degrees_of_freedom;
+use self::doubt::{Place, Remedy};
+use self::measured_edge::{MeasuredEdge, degrees_of_freedom};
 use self::normal::{Normal, NotDetermined};
 use self::window::Window;
 use super::measurement::{Kind, Measurement, Noise};
@@ -446,6 +446,8 @@ impl Team {
         for vehicle in biased {
             window.free_biases(vehicle);
         }
+        self.find_misplaced();
+        let window = &mut self.window;
         let mut counts: std::collections::BTreeMap<VehicleId, (u32, u32)> = Default::default();
         let new = window.edges.iter().filter(|edge| edge.is_new);
         for edge in new.filter(|edge| edge.from.is_some()) {
@@ -483,6 +485,47 @@ impl Team {
                     self.statistics.quarantines += 1;
                 }
             }
+        }
+    }
+
+    /// Gives room to vehicles that are not where they are taken to be.
+    fn find_misplaced(&mut self) {
+        let window = &mut self.window;
+        let mut misplaced = Vec::new();
+        for (vehicle, member) in &mut window.members {
+            let (mut by, mut of) = ((0, 0), (0, 0));
+            let count = |counts: &mut (u32, u32), edge: &MeasuredEdge| {
+                counts.0 += u32::from(edge.failed_gate);
+                counts.1 += 1;
+            };
+            for edge in window.edges.iter().filter(|edge| edge.is_new) {
+                if edge.of == *vehicle {
+                    count(&mut of, edge);
+                } else if edge.by == *vehicle {
+                    count(&mut by, edge);
+                }
+            }
+            let tested = window.tested.iter();
+            for edge in tested.filter(|edge| edge.by == *vehicle) {
+                count(&mut by, edge);
+            }
+            member.misplaced.note(by, of);
+            if self.rounds <= window.settings.settling_rounds {
+                continue;
+            }
+            let place = member.misplaced.judge();
+            if place == Place::OftenWrong {
+                member.odometry.disbelieve();
+            }
+            if place != Place::Believed {
+                // Its measurements fitted nobody's because it was elsewhere.
+                member.doubt.forgive();
+                misplaced.push(*vehicle);
+            }
+        }
+        for vehicle in misplaced {
+            window.displace(vehicle);
+            self.statistics.misplaced += 1;
         }
     }
 
@@ -562,3 +605,6 @@ fn left_over(
 const fn is_whole(kind: Kind) -> bool {
     matches!(kind, Kind::Pose)
 }
+
+#[cfg(test)]
+mod tests;

@@ -25,6 +25,10 @@ const EXPECTED_MIN: f64 = 0.5;
 const BELIEVED_AFTER: u32 = 20;
 /// Rounds that new biases are given to explain the odometry.
 const NEW_BIASES_ROUNDS: u32 = 10;
+/// Rounds within which a vehicle that is misplaced twice is so by its odometry.
+const AGAIN_ROUNDS: u32 = 30;
+/// Standard deviations of where a vehicle is that is found misplaced, radians and metres.
+pub(super) const MISPLACED_BY: (f64, f64) = (0.5, 5.0);
 /// The stated noise of odometry that lies is taken this many times.
 pub(super) const LYING_NOISE: f64 = 10.0;
 
@@ -68,12 +72,94 @@ impl Doubt {
         }
     }
 
+    /// What speaks against it until now was no fault of its measurements.
+    pub(super) fn forgive(&mut self) {
+        *self = Self {
+            is_quarantined: self.is_quarantined,
+            ..Self::default()
+        };
+    }
+
     pub(super) fn quarantine(&mut self) {
         *self = Self {
             is_quarantined: true,
             ..Self::default()
         };
     }
+}
+
+/// What speaks against where a vehicle is taken to be: what it measures and what is measured of it both fail the gate.
+/// A liar is not misplaced, as what others measure of it passes.
+///
+/// Odometry that slipped once, by more than it says, would otherwise keep its vehicle apart for good: every measurement
+/// that could bring it back fails the gate, and nothing tests its odometry any more.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Misplaced {
+    by: Share,
+    of: Share,
+    /// Rounds since it was last found out.
+    found: Option<u32>,
+}
+
+/// How many of how many are bad, with forgetting.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Share {
+    bad: f64,
+    all: f64,
+}
+
+impl Share {
+    fn note(&mut self, (bad, all): (u32, u32)) {
+        if all > 0 {
+            self.bad = FORGETTING * self.bad + f64::from(bad);
+            self.all = FORGETTING * self.all + f64::from(all);
+        }
+    }
+
+    fn is_bad(&self) -> bool {
+        self.bad > DOUBTED_ABOVE * self.all
+    }
+}
+
+impl Misplaced {
+    /// A round's new measurements by it and of it: how many failed the gate, of how many.
+    pub(super) fn note(&mut self, by: (u32, u32), of: (u32, u32)) {
+        self.by.note(by);
+        self.of.note(of);
+    }
+
+    /// What follows.
+    pub(super) fn judge(&mut self) -> Place {
+        if let Some(rounds) = &mut self.found {
+            *rounds = rounds.saturating_add(1);
+        }
+        let measures_nothing = self.by.all == 0.0;
+        if self.of.all <= COUNT_MIN || !self.of.is_bad() || !(measures_nothing || self.by.is_bad())
+        {
+            return Place::Believed;
+        }
+        let again = self.found.is_some_and(|rounds| rounds < AGAIN_ROUNDS);
+        *self = Self {
+            found: Some(0),
+            ..Self::default()
+        };
+        if again {
+            Place::OftenWrong
+        } else {
+            Place::Wrong
+        }
+    }
+}
+
+/// What to think of where a vehicle is taken to be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Place {
+    /// It is there.
+    Believed,
+    /// It is somewhere else.
+    Wrong,
+    /// It was somewhere else just before, too: its odometry leads it astray.
+    OftenWrong,
 }
 
 /// What speaks against the odometry of one vehicle.
@@ -134,6 +220,12 @@ impl OdometryDoubt {
         }
     }
 
+    /// It is believed no more.
+    pub(super) fn disbelieve(&mut self) {
+        self.lies = true;
+        self.believable = 0;
+    }
+
     /// What follows, for a vehicle whose ratio is the largest of all or not.
     pub(super) fn judge(&mut self, is_largest: bool) -> Remedy {
         let ratio = self.ratio();
@@ -158,8 +250,7 @@ impl OdometryDoubt {
         match self.new_biases {
             Some(rounds) if rounds < NEW_BIASES_ROUNDS => Remedy::None,
             Some(_) if ratio > LYING_ABOVE => {
-                self.lies = true;
-                self.believable = 0;
+                self.disbelieve();
                 Remedy::Disbelieve
             }
             Some(rounds) if rounds > 10 * NEW_BIASES_ROUNDS => {
@@ -204,6 +295,27 @@ mod tests {
             doubt.note(0, 2);
         }
         panic!("it never came back");
+    }
+
+    #[test]
+    fn a_vehicle_is_misplaced_when_nothing_fits_that_is_measured_by_it_or_of_it() {
+        let found = |by: (u32, u32), of: (u32, u32)| {
+            let mut misplaced = Misplaced::default();
+            (0..60)
+                .map(|_| {
+                    misplaced.note(by, of);
+                    misplaced.judge()
+                })
+                .filter(|place| *place != Place::Believed)
+                .take(2)
+                .collect::<Vec<_>>()
+        };
+        let twice = [Place::Wrong, Place::OftenWrong];
+        assert_eq!(found((1, 1), (1, 1)), twice);
+        assert_eq!(found((0, 0), (3, 3)), twice, "it measures nothing");
+        assert_eq!(found((3, 3), (0, 3)), [], "it lies, and the others see it");
+        assert_eq!(found((0, 3), (1, 3)), [], "one of them lies");
+        assert_eq!(found((0, 0), (0, 0)), []);
     }
 
     #[test]

@@ -77,7 +77,7 @@ impl Prior {
         self.beta = beta.resize_vertically(old + new, 0.0);
     }
 
-    /// A pose known with these standard deviations (radians, metres), in its own axes: `Ad(T)^-T diag Ad(T)^-1`.
+    /// A pose known with these standard deviations (radians, metres), in its own axes.
     pub(super) fn add_pose(
         &mut self,
         id: PoseId,
@@ -85,17 +85,7 @@ impl Prior {
         rotation_rad: f64,
         translation_m: f64,
     ) {
-        let back = se3::adjoint(&world_from_body.inverse());
-        let (rotation, translation) = (rotation_rad.powi(-2), translation_m.powi(-2));
-        let diagonal = nalgebra::Vector6::new(
-            rotation,
-            rotation,
-            rotation,
-            translation,
-            translation,
-            translation,
-        );
-        let information: Matrix6<f64> = back.transpose() * Matrix6::from_diagonal(&diagonal) * back;
+        let information = information(world_from_body, (rotation_rad, translation_m));
         let information = DMatrix::from_column_slice(6, 6, information.as_slice());
         self.add(Anchor::Pose(id, *world_from_body), &information);
     }
@@ -145,17 +135,42 @@ impl Prior {
         if rows.is_empty() {
             return;
         }
-        // Lambda' = Lambda - Lambda B (B^T Lambda B + Q^-1)^-1 B^T Lambda, and beta' alike.
-        let picked = self.lambda.select_columns(&rows);
-        let mut inner = picked.select_rows(&rows);
+        let mut information = DMatrix::zeros(rows.len(), rows.len());
         for at in 0..rows.len() {
             let variance = if at % BIASES == BIASES - 1 {
                 scale
             } else {
                 gyro
             };
-            inner[(at, at)] += 1.0 / variance.max(VARIANCE_MIN);
+            information[(at, at)] = 1.0 / variance.max(VARIANCE_MIN);
         }
+        self.loosen(&rows, information);
+    }
+
+    /// Some poses may be elsewhere, each by so much in its own axes (standard deviations in radians and metres).
+    pub(super) fn displace(&mut self, sigmas: (f64, f64), is_displaced: impl Fn(PoseId) -> bool) {
+        let mut offset = 0;
+        for at in 0..self.anchors.len() {
+            let anchor = self.anchors[at];
+            if let Anchor::Pose(id, pose) = anchor
+                && is_displaced(id)
+            {
+                let information = information(&pose, sigmas);
+                let rows: Vec<usize> = (offset..offset + 6).collect();
+                self.loosen(
+                    &rows,
+                    DMatrix::from_column_slice(6, 6, information.as_slice()),
+                );
+            }
+            offset += anchor.unknown().dimension();
+        }
+    }
+
+    /// Noise of this information is added to some unknowns:
+    /// `Lambda' = Lambda - Lambda B (B^T Lambda B + Q^-1)^-1 B^T Lambda`, and `beta'` alike.
+    fn loosen(&mut self, rows: &[usize], information: DMatrix<f64>) {
+        let picked = self.lambda.select_columns(rows);
+        let inner = picked.select_rows(rows) + information;
         let Some(inner) = inner.cholesky() else {
             return;
         };
@@ -198,4 +213,22 @@ impl Prior {
             }
         }
     }
+}
+
+/// That of a world twist of a pose which is known so well in its own axes: `Ad(T)^-T diag Ad(T)^-1`.
+fn information(
+    world_from_body: &Transform<World, Body>,
+    (rotation_rad, translation_m): (f64, f64),
+) -> Matrix6<f64> {
+    let back = se3::adjoint(&world_from_body.inverse());
+    let (rotation, translation) = (rotation_rad.powi(-2), translation_m.powi(-2));
+    let diagonal = nalgebra::Vector6::new(
+        rotation,
+        rotation,
+        rotation,
+        translation,
+        translation,
+        translation,
+    );
+    back.transpose() * Matrix6::from_diagonal(&diagonal) * back
 }

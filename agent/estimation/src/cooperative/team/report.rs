@@ -50,6 +50,8 @@ pub struct Statistics {
     pub evicted: u64,
     /// Vehicles put into quarantine.
     pub quarantines: u64,
+    /// Vehicles found elsewhere than their odometry said.
+    pub misplaced: u64,
     /// Rounds that could not be solved.
     pub undetermined: u64,
 }

@@ -140,13 +140,27 @@ impl Default for Settings {
 
 /// Vehicles whose odometry is smoothed at most; beyond, the absent one that was heard longest ago is given up.
 pub const MEMBERS_MAX: usize = 20;
-/// Poses in the window at most; beyond, the oldest go.
+/// Poses in the window at most; beyond, no more are taken but this vehicle's own.
 pub const POSES_MAX: usize = 512;
+/// Poses of one vehicle at most, this one too: what is kept for somebody who returns, and some more.
+pub const POSES_OF_ONE_MAX: usize = 64;
 /// Measurements in the window at most.
 pub const EDGES_MAX: usize = 4096;
+/// Measurements of one vehicle at most, this one too: no flood of one shuts out the others.
+pub const EDGES_BY_ONE_MAX: usize = 512;
 /// Standard deviations of a vehicle of which nobody said where it started: no more than a guard against directions that
-/// nothing determines. Radians and metres.
+/// nothing determines. Radians and metres. Odometry that knows less than that is taken for as much.
 pub(super) const UNKNOWN_START: (f64, f64) = (3.0, 1e3);
+/// Standard deviations below which nobody is believed, of a start or a measurement, radians and metres. Information is
+/// their inverse square, and beside that of [`UNKNOWN_START`] the equations must keep their digits.
+pub(super) const NOISE_MIN: (f64, f64) = (1e-5, 1e-5);
+/// Farthest from this vehicle that another is followed, metres: levers of that length cost digits.
+pub(super) const REACH_M: f64 = 1e5;
+/// Longest lever from a body to the end of a measurement, metres; it holds the way since the round, too.
+pub(super) const LEVER_MAX_M: f64 = 1e3;
+/// Largest variance that odometry may state between two rounds, rad^2 or m^2: with larger ones what is left between angles
+/// and lengths is rounding.
+pub(super) const ODOMETRY_VARIANCE_MAX: f64 = 1e6;
 /// A start that odometry has since made this uncertain in orientation, radians, says nothing any more.
 pub(super) const WORN_START_RAD: f64 = 0.5;
 /// Longest stretch of odometry over which a bias adds up along a path of constant twist; over a longer one it is noise.

@@ -2,13 +2,15 @@
 
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3, Vector4, Vector6};
 
-use super::settings::{BIASED_STRETCH_MAX, Settings};
+use super::settings::{BIASED_STRETCH_MAX, ODOMETRY_VARIANCE_MAX, Settings, UNKNOWN_START};
 use crate::odometry::OdometryPoint;
 use crate::{Body, Odometry, Transform, World, se3, so3};
 
 /// Bias states of one vehicle: three of the gyroscope (rad/s, added to what it says), one of the odometer's scale (added
 /// to one).
 pub(super) const BIASES: usize = 4;
+/// By how much cumulative variances may seem to shrink, rad^2 or m^2.
+const ROUNDING: f64 = 1e-12;
 pub(super) type BiasJacobian = SMatrix<f64, 6, BIASES>;
 
 /// A linearised factor, whitened: `r + J (xi_2 - xi_1) + B db`, all of unit variance. Its first three rows are what
@@ -83,9 +85,45 @@ impl Stretch<'_> {
         jacobian
     }
 
-    /// The covariance in the frame of [`Stretch::ends`], its rotation and translation noise taken `factors` times; the floor is added once a round of
-    /// `period_s`.
+    /// Whether what is said of its noise is a covariance at all.
+    pub(super) fn is_sound(&self, settings: &Settings, period_s: f64) -> bool {
+        let growth = self.later.growth.since(&self.earlier.growth);
+        let origin = &self.later.odometry_from_body.translation;
+        let stated = growth.about(origin).covariance();
+        // Not the other way round: what is not a number is no covariance either.
+        growth.rotation.min(growth.translation) >= -ROUNDING
+            && stated
+                .iter()
+                .all(|number| number.abs() <= ODOMETRY_VARIANCE_MAX)
+            && self
+                .stated_covariance((1.0, 1.0), settings, period_s)
+                .cholesky()
+                .is_some()
+    }
+
+    /// The covariance in the frame of [`Stretch::ends`], its angles and its lengths no wider than those of an unknown
+    /// start.
     fn covariance(&self, factors: (f64, f64), settings: &Settings, period_s: f64) -> Matrix6<f64> {
+        let mut covariance = self.stated_covariance(factors, settings, period_s);
+        for (from, most) in [(0, UNKNOWN_START.0), (3, UNKNOWN_START.1)] {
+            let variances = (from..from + 3).map(|axis| covariance[(axis, axis)]);
+            let sigma = variances.fold(0.0, f64::max).sqrt();
+            if sigma > most {
+                covariance.rows_mut(from, 3).scale_mut(most / sigma);
+                covariance.columns_mut(from, 3).scale_mut(most / sigma);
+            }
+        }
+        covariance
+    }
+
+    /// As stated, its rotation and translation noise taken `factors` times; the floor is added once a round of
+    /// `period_s`.
+    fn stated_covariance(
+        &self,
+        factors: (f64, f64),
+        settings: &Settings,
+        period_s: f64,
+    ) -> Matrix6<f64> {
         let origin = &self.later.odometry_from_body.translation;
         let mut growth = self.later.growth.since(&self.earlier.growth).about(origin);
         let (rotation, translation) = factors;
@@ -116,7 +154,31 @@ impl Stretch<'_> {
         (turned.max(0.0) + bias * bias).sqrt()
     }
 
-    /// Linearises at two poses and the biases. None when the stated noise is no covariance.
+    /// The lower factor of the covariance.
+    fn spread(
+        &self,
+        factors: (f64, f64),
+        settings: &Settings,
+        period_s: f64,
+    ) -> Option<Matrix6<f64>> {
+        let covariance = self.covariance(factors, settings, period_s);
+        if let Some(factored) = covariance.cholesky() {
+            return Some(factored.unpack());
+        }
+        // Rounding at the end of a long odometry, or levers that no path explains, which translation noise hid until it
+        // was scaled down: without their cross terms, and as wide as they are in their widest direction.
+        let mut wide = Matrix6::zeros();
+        for from in [0, 3] {
+            let half: Matrix3<f64> = covariance.fixed_view::<3, 3>(from, from).into();
+            let widest = half.trace().max(2.0 * half.amax());
+            for axis in from..from + 3 {
+                wide[(axis, axis)] = widest;
+            }
+        }
+        wide.cholesky().map(|factored| factored.unpack())
+    }
+
+    /// Linearises at two poses and the biases. None when there is no noise at all.
     ///
     /// `eta = Log(C_1 T_1^-1 T_2 C_2^-1) - B b`, `d eta = Jl^-1(eta) Ad(C_1 T_1^-1) (xi_2 - xi_1)`.
     pub(super) fn linearise(
@@ -132,10 +194,7 @@ impl Stretch<'_> {
         let odometry_from_world = earlier * world_from_earlier.inverse();
         let eta = se3::log(&(odometry_from_world * *world_from_later * later.inverse()));
         let bias = self.bias_jacobian();
-        let lower = self
-            .covariance(factors, settings, period_s)
-            .cholesky()?
-            .unpack();
+        let lower = self.spread(factors, settings, period_s)?;
         let whiten = |right: Matrix6<f64>| lower.solve_lower_triangular(&right);
         let residual = lower.solve_lower_triangular(&(eta - bias * biases))?;
         let twist = whiten(se3::left_jacobian_inverse(&eta) * se3::adjoint(&odometry_from_world))?;

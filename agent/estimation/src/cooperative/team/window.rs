@@ -6,20 +6,21 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::{DMatrix, DVector, Vector3, Vector4};
 
 use super::biases::{Biases, Fate};
-use super::doubt::{Doubt, LYING_NOISE, OdometryDoubt};
+use super::doubt::{Doubt, LYING_NOISE, MISPLACED_BY, Misplaced, OdometryDoubt};
 use super::measured_edge::{Linear, MeasuredEdge, PoseId};
 use super::noise_scales::NoiseScales;
 use super::normal::Sums;
 use super::prior::{Anchor, Prior, Unknown};
 use super::settings::{
-    BiasRange, EDGES_MAX, MEMBERS_MAX, POSES_MAX, Settings, UNKNOWN_START, WORN_START_RAD,
+    BiasRange, EDGES_BY_ONE_MAX, EDGES_MAX, LEVER_MAX_M, MEMBERS_MAX, NOISE_MIN, POSES_MAX,
+    POSES_OF_ONE_MAX, REACH_M, Settings, UNKNOWN_START, WORN_START_RAD,
 };
 use super::stretch::{self, Stretch};
 use super::{Moment, Observation, PoseEstimate, RelativeEstimate, Unused, is_whole};
-use crate::cooperative::measurement::{Kind, Measurement};
+use crate::cooperative::measurement::{Kind, Measurement, Noise};
 use crate::odometry::OdometryPoint;
 use crate::time::{Span, Stamp};
-use crate::{Body, Transform, VehicleId, World};
+use crate::{Body, Sensor, Transform, VehicleId, World};
 
 /// A vehicle that was heard so many rounds ago is present.
 pub(super) const PRESENT_ROUNDS: i64 = 5;
@@ -63,6 +64,7 @@ pub(super) struct Member {
     pub(super) biases: Biases,
     pub(super) doubt: Doubt,
     pub(super) odometry: OdometryDoubt,
+    pub(super) misplaced: Misplaced,
     pub(super) relative: Option<RelativeEstimate>,
 }
 
@@ -206,40 +208,65 @@ impl Window {
         let Some(member) = self.members.get(&moment.vehicle) else {
             return Err(Unused::Unlocated);
         };
-        let own = self
-            .poses
-            .iter()
-            .filter(|pose| pose.vehicle == moment.vehicle);
-        let before = own
+        let taken = |pose: &&Pose| pose.point.taken;
+        let all = self.poses_of(moment.vehicle);
+        let before = all
             .filter(|pose| pose.point.taken <= moment.point.taken)
-            .max_by_key(|pose| pose.point.taken)
+            .max_by_key(taken)
             .ok_or(Unused::TooLate)?;
-        if before.point.taken == moment.point.taken {
-            return Ok(before.id);
-        }
         if before.point.segment != moment.point.segment {
             return Err(Unused::Interrupted);
         }
-        if self.poses.len() >= POSES_MAX {
+        if before.point.taken == moment.point.taken {
+            return Ok(before.id);
+        }
+        if !self.has_room_for(moment.vehicle) {
             return Err(Unused::Full);
+        }
+        if !moment.point.odometry_from_body.is_valid() {
+            return Err(Unused::Unusable);
         }
         let stretch = Stretch {
             earlier: &before.point,
             later: &moment.point,
         };
         let predicted = stretch.predict(&before.world_from_body, &member.biases.value);
-        let linear = stretch.linearise(
-            &before.world_from_body,
-            &predicted,
-            &member.biases.value,
-            (1.0, 1.0),
-            &self.settings,
-            self.period_s(),
-        );
-        if linear.is_none() || !predicted.is_valid() {
+        // A late moment splits a stretch, of which the second part must be one too.
+        let all = self.poses_of(moment.vehicle);
+        let after = all
+            .filter(|pose| pose.point.taken > moment.point.taken)
+            .min_by_key(taken);
+        let rest = after.map(|after| Stretch {
+            earlier: &moment.point,
+            later: &after.point,
+        });
+        let is_sound = |stretch: &Stretch<'_>| stretch.is_sound(&self.settings, self.period_s());
+        if !is_sound(&stretch) || !rest.as_ref().is_none_or(is_sound) || !is_in_reach(&predicted) {
             return Err(Unused::Unusable);
         }
         Ok(self.insert(moment, predicted))
+    }
+
+    fn poses_of(&self, vehicle: VehicleId) -> impl Iterator<Item = &Pose> {
+        let of = move |pose: &&Pose| pose.vehicle == vehicle;
+        self.poses.iter().filter(of)
+    }
+
+    /// Whether a vehicle may have one more pose: nobody's flood keeps this vehicle from its own.
+    fn has_room_for(&self, vehicle: VehicleId) -> bool {
+        let others_max = POSES_MAX - POSES_OF_ONE_MAX;
+        let own = self.poses_of(self.own).count();
+        self.poses_of(vehicle).count() < POSES_OF_ONE_MAX
+            && (vehicle == self.own || self.poses.len() - own < others_max)
+    }
+
+    /// Whether a vehicle may have measured one more thing.
+    fn has_room_for_edge_by(&self, vehicle: VehicleId) -> bool {
+        let all = || self.edges.iter().chain(&self.tested);
+        let by_others = all().filter(|edge| edge.by != self.own).count();
+        let others_max = EDGES_MAX - EDGES_BY_ONE_MAX;
+        all().filter(|edge| edge.by == vehicle).count() < EDGES_BY_ONE_MAX
+            && (vehicle == self.own || by_others < others_max)
     }
 
     pub(super) fn start(
@@ -281,18 +308,32 @@ impl Window {
             return Err(Unused::Counted);
         }
         let good = |sigma: f64| sigma.is_finite() && sigma > 0.0;
-        if !world_from_body.is_valid() || !good(sigmas.0) || !good(sigmas.1) {
+        let numbers = at.point.growth.to_numbers();
+        if !world_from_body.is_valid()
+            || !at.point.odometry_from_body.is_valid()
+            || !numbers.iter().all(|number| number.is_finite())
+            || !good(sigmas.0)
+            || !good(sigmas.1)
+        {
             return Err(Unused::Unusable);
         }
-        if self.members.len() >= MEMBERS_MAX || self.poses.len() >= POSES_MAX {
+        if self.members.len() >= MEMBERS_MAX || !self.has_room_for(at.vehicle) {
             return Err(Unused::Full);
         }
         if self.members.is_empty() {
             self.centre = world_from_body.translation;
         }
         let pose = self.in_the_window(world_from_body);
+        if !is_in_reach(&pose) {
+            return Err(Unused::Unusable);
+        }
         let id = self.insert(at, pose);
-        self.prior.add_pose(id, &pose, sigmas.0, sigmas.1);
+        self.prior.add_pose(
+            id,
+            &pose,
+            sigmas.0.clamp(NOISE_MIN.0, UNKNOWN_START.0),
+            sigmas.1.clamp(NOISE_MIN.1, UNKNOWN_START.1),
+        );
         let bias = self.settings.bias;
         self.prior
             .add_biases(at.vehicle, bias.gyro.start, bias.scale.start);
@@ -300,6 +341,7 @@ impl Window {
             biases: Biases::new(&bias),
             doubt: Doubt::default(),
             odometry: OdometryDoubt::default(),
+            misplaced: Misplaced::default(),
             relative: None,
         };
         self.members.insert(at.vehicle, member);
@@ -315,15 +357,20 @@ impl Window {
         if from.vehicle == to.vehicle {
             return Err(Unused::SameVehicle);
         }
-        if self.edges.len() + self.tested.len() >= EDGES_MAX {
+        if !self.has_room_for_edge_by(from.vehicle) {
             return Err(Unused::Full);
         }
         let measurement = &observation.measurement;
-        if observation.noise.check(measurement.kind()).is_err() {
+        if !is_usable(observation) || !is_lever(&observation.from_end) {
             return Err(Unused::Unusable);
         }
-        let is_kept =
-            |kept: &BTreeSet<VehicleId>| kept.contains(&from.vehicle) && kept.contains(&to.vehicle);
+        // Whoever is not located yet may be near.
+        let is_one_of = |kept: &BTreeSet<VehicleId>, vehicle: &VehicleId| {
+            kept.contains(vehicle) || !self.members.contains_key(vehicle)
+        };
+        let is_kept = |kept: &BTreeSet<VehicleId>| {
+            is_one_of(kept, &from.vehicle) && is_one_of(kept, &to.vehicle)
+        };
         if !self.kept.as_ref().is_none_or(is_kept) {
             return Err(Unused::LeftOut);
         }
@@ -353,11 +400,11 @@ impl Window {
         nth: u8,
         observation: &Observation,
     ) -> Result<(), Unused> {
-        if self.edges.len() >= EDGES_MAX {
+        if !self.has_room_for_edge_by(at.vehicle) {
             return Err(Unused::Full);
         }
         let kind = observation.measurement.kind();
-        if observation.noise.check(kind).is_err() {
+        if !is_usable(observation) {
             return Err(Unused::Unusable);
         }
         if let (false, Measurement::Pose(pose)) = (
@@ -380,7 +427,7 @@ impl Window {
         Ok(())
     }
 
-    const fn edge(
+    fn edge(
         &self,
         from: Option<PoseId>,
         to: PoseId,
@@ -388,13 +435,18 @@ impl Window {
         of: VehicleId,
         observation: &Observation,
     ) -> MeasuredEdge {
+        // What a kind has not got is not looked at, and may be anything.
+        let noise = Noise {
+            rotation_rad: observation.noise.rotation_rad.max(NOISE_MIN.0),
+            translation: observation.noise.translation.max(NOISE_MIN.1),
+        };
         MeasuredEdge {
             from,
             to,
             from_end: observation.from_end,
             to_end: observation.to_end,
             measurement: observation.measurement,
-            noise: observation.noise,
+            noise,
             by,
             of,
             is_new: true,
@@ -452,12 +504,13 @@ impl Window {
         Ok(())
     }
 
-    /// The frame's origin moves to this vehicle.
+    /// The frame's origin moves to this vehicle; while nobody knows where it is, to somebody.
     pub(super) fn recentre(&mut self) {
-        let Some(own) = self.newest_of(self.own) else {
+        let somebody = || self.newest_of(*self.members.keys().next()?);
+        let Some(middle) = self.newest_of(self.own).or_else(somebody) else {
             return;
         };
-        let shift = own.world_from_body.translation;
+        let shift = middle.world_from_body.translation;
         self.centre += shift;
         for pose in &mut self.poses {
             pose.world_from_body.translation -= shift;
@@ -465,10 +518,22 @@ impl Window {
         self.prior.recentre(&shift);
     }
 
+    /// The instant of the last round: of this vehicle's last pose or, while nobody knows where it is, one that half of
+    /// the others have reached.
+    fn newest_round(&self) -> Option<Stamp> {
+        if let Some(own) = self.newest_of(self.own) {
+            return Some(own.instant);
+        }
+        let others = self.members.keys().filter_map(|id| self.newest_of(*id));
+        let mut instants: Vec<Stamp> = others.map(|pose| pose.instant).collect();
+        instants.sort();
+        instants.get(instants.len() / 2).copied()
+    }
+
     /// The poses that have left the window go into the prior.
     pub(super) fn marginalise(&mut self, scales: &NoiseScales) {
         self.distance_rounds = self.distance_rounds.saturating_sub(1);
-        let Some(newest) = self.newest_of(self.own).map(|pose| pose.instant) else {
+        let Some(newest) = self.newest_round() else {
             return;
         };
         let others = self.poses.iter().filter(|pose| pose.vehicle != self.own);
@@ -581,6 +646,7 @@ impl Window {
             offsets.insert(*unknown, size);
             size += unknown.dimension();
         }
+        let lost_unknowns = gone.len();
         let lost: usize = gone.iter().map(|unknown| unknown.dimension()).sum();
         let mut sums = Dense {
             hessian: DMatrix::zeros(size, size),
@@ -607,12 +673,16 @@ impl Window {
         let across = hessian.view((lost, 0), (kept, lost)).into_owned();
         let mut lambda = hessian.view((lost, lost), (kept, kept)).into_owned();
         let mut beta = gradient.rows(lost, kept).into_owned();
-        // What nothing determines tells nothing of the rest.
-        if let Some(inner) = hessian.view((0, 0), (lost, lost)).into_owned().cholesky() {
-            beta -= &across * inner.solve(&gradient.rows(0, lost).into_owned());
+        let inner = hessian.view((0, 0), (lost, lost)).into_owned();
+        let gone = gradient.rows(0, lost).into_owned();
+        if let Some(inner) = inner.clone().cholesky() {
+            beta -= &across * inner.solve(&gone);
             lambda -= &across * inner.solve(&across.transpose());
+        } else if let Some(inner) = pseudo_inverse(inner) {
+            beta -= &across * (&inner * gone);
+            lambda -= &across * inner * across.transpose();
         }
-        let anchors = order[gone.len()..].iter().map(|unknown| match *unknown {
+        let anchors = order[lost_unknowns..].iter().map(|unknown| match *unknown {
             Unknown::Pose(id) => Anchor::Pose(id, self.poses[self.index(id)].world_from_body),
             Unknown::Biases(vehicle) => {
                 Anchor::Biases(vehicle, self.members[&vehicle].biases.value)
@@ -668,6 +738,12 @@ impl Window {
         let scale = SUSPICIOUS_ROOM * self.settings.bias.scale.room;
         self.prior
             .wander(gyro * gyro, scale * scale, |other| other == vehicle);
+    }
+
+    /// A vehicle may be elsewhere: what was measured since brings it there.
+    pub(super) fn displace(&mut self, vehicle: VehicleId) {
+        let all: BTreeSet<PoseId> = self.poses_of(vehicle).map(|pose| pose.id).collect();
+        self.prior.displace(MISPLACED_BY, |id| all.contains(&id));
     }
 
     pub(super) fn biases(&self) -> Vec<(VehicleId, Vector4<f64>)> {
@@ -799,6 +875,38 @@ impl Window {
                 .collect(),
         )
     }
+}
+
+/// The inverse in the directions that something determines: the others tell nothing of the rest, as a sum of squares
+/// that a direction does not meet has no part across it. None of what are no numbers.
+fn pseudo_inverse(matrix: DMatrix<f64>) -> Option<DMatrix<f64>> {
+    if !matrix.iter().all(|number| number.is_finite()) {
+        return None;
+    }
+    let least = matrix.amax() * matrix.nrows() as f64 * f64::EPSILON;
+    let eigen = matrix.symmetric_eigen();
+    let inverse = eigen
+        .eigenvalues
+        .map(|value| if value > least { 1.0 / value } else { 0.0 });
+    Some(&eigen.eigenvectors * DMatrix::from_diagonal(&inverse) * eigen.eigenvectors.transpose())
+}
+
+/// Whether a pose of the window can be followed.
+fn is_in_reach(pose: &Transform<World, Body>) -> bool {
+    pose.is_valid() && pose.translation.norm() <= REACH_M
+}
+
+/// Whether an end is at a body.
+fn is_lever(end: &Transform<Body, Sensor>) -> bool {
+    end.is_valid() && end.translation.norm() <= LEVER_MAX_M
+}
+
+/// Whether an observation is one; its measurement was checked when it was made.
+fn is_usable(observation: &Observation) -> bool {
+    let kind = observation.measurement.kind();
+    observation.noise.check(kind).is_ok()
+        && observation.from_end.is_valid()
+        && is_lever(&observation.to_end)
 }
 
 /// Dense sums, for what is marginalised.
