@@ -35,8 +35,10 @@ use skein_estimation::cooperative::{Mode, Refusal};
 use skein_estimation::time::Span;
 use skein_estimation::{Body, Transform, World as WorldFrame, se3};
 
-/// Estimators of one flight that are flown at most where they differ: vehicles at equal intervals.
+/// Where the estimators of a flight differ, so many of them are flown at most, of vehicles at equal intervals...
 const ESTIMATORS_MAX: usize = 5;
+/// ...and so many that they follow no more vehicles than this altogether, but at least one.
+const FOLLOWED_MAX: usize = 30;
 /// Numbers of a pose.
 const DEGREES_OF_FREEDOM: usize = 6;
 
@@ -289,9 +291,9 @@ fn fly(cell: &Cell, request: &Request<'_>, sample: u64) -> Result<Scored, Failed
     let estimators: Vec<usize> = if is_shared {
         vec![sample as usize % team]
     } else {
-        let count = team.min(ESTIMATORS_MAX);
-        // Another of them first in every flight: the first is the one whose NEES is taken.
-        let nth = |nth: usize| ((nth + sample as usize) % count) * team / count;
+        let count = (FOLLOWED_MAX / team).clamp(1, ESTIMATORS_MAX).min(team);
+        // Others in every flight. The first is the one whose NEES is taken.
+        let nth = |nth: usize| (nth * team / count + sample as usize) % team;
         (0..count).map(nth).collect()
     };
     let period = Span::from_nanos(nanos(scenario.period_s));
