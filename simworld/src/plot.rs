@@ -327,6 +327,91 @@ pub fn bars(title: &str, groups: &[BarGroup], top: f64) -> Result<String, PlotEr
     Ok(in_pixels(&svg))
 }
 
+/// A value over rounds, of several cells, with the band in which it should be. The axis of values is logarithmic. Fails
+/// when a number is not above zero or there is nothing to draw.
+pub fn banded(
+    title: &str,
+    curves: &[(String, Vec<f64>)],
+    band: (f64, f64),
+) -> Result<String, PlotError> {
+    let all = || curves.iter().flat_map(|(_, values)| values.iter().copied());
+    let values = range(all().chain([band.0, band.1]))?;
+    if values.start <= 0.0 {
+        return Err(PlotError(format!("{} has no logarithm", values.start)));
+    }
+    let rounds = curves.iter().map(|(_, values)| values.len()).max();
+    let rounds = positive(rounds.unwrap_or_default() as f64);
+    let mut svg = String::new();
+    {
+        let root =
+            SVGBackend::with_string(&mut svg, (1100 * PIXEL, 460 * PIXEL)).into_drawing_area();
+        root.fill(&BACKGROUND).map_err(drawing)?;
+        let (heading, below) = root.split_vertically(40 * PIXEL);
+        heading
+            .margin(8 * PIXEL, 0, 0, 0)
+            .titled(title, (FONT, 22 * PIXEL))
+            .map_err(drawing)?;
+        // The axis is one of logarithms, to base ten; its labels are powers.
+        let axis = values.start.log10() - 0.1..values.end.log10() + 0.3;
+        let mut chart = ChartBuilder::on(&below)
+            .margin(12 * PIXEL)
+            .margin_right(24 * PIXEL)
+            .set_label_area_size(LabelAreaPosition::Left, 58 * PIXEL)
+            .set_label_area_size(LabelAreaPosition::Bottom, 44 * PIXEL)
+            .build_cartesian_2d(0.0..rounds, axis)
+            .map_err(drawing)?;
+        chart
+            .configure_mesh()
+            .light_line_style(TRANSPARENT)
+            .bold_line_style(RGBColor(210, 210, 210).stroke_width(PIXEL))
+            .axis_style(RGBColor(60, 60, 60).stroke_width(PIXEL))
+            .set_all_tick_mark_size(5 * PIXEL)
+            .x_desc("round")
+            .y_label_formatter(&|power| format!("{:.2}", 10_f64.powf(*power)))
+            .label_style((FONT, 15 * PIXEL))
+            .axis_desc_style((FONT, 16 * PIXEL))
+            .draw()
+            .map_err(drawing)?;
+        let corners = [(0.0, band.0.log10()), (rounds, band.1.log10())];
+        let grey = RGBColor(225, 225, 225).filled();
+        chart
+            .draw_series([Rectangle::new(corners, grey)])
+            .map_err(drawing)?;
+        for (index, (label, values)) in curves.iter().enumerate() {
+            let style = colour(index).stroke_width(2 * PIXEL);
+            let line = (1..).zip(values);
+            let line = line.map(|(k, value)| (f64::from(k), value.log10()));
+            chart
+                .draw_series(LineSeries::new(line, style))
+                .map_err(drawing)?
+                .label(label)
+                .legend(move |(x, y)| PathElement::new([(x, y), (x + LEGEND_LINE, y)], style));
+        }
+        legend(&mut chart, SeriesLabelPosition::UpperRight)?;
+        root.present().map_err(drawing)?;
+    }
+    Ok(in_pixels(&svg))
+}
+
+/// Drawings of this module below each other, as one.
+#[must_use]
+pub fn stacked(drawings: &[String]) -> String {
+    let side = |drawing: &str, name: &str| -> u32 {
+        let number = drawing.split_once(&format!(" {name}=\""));
+        let number = number.and_then(|(_, rest)| rest.split('"').next());
+        number.and_then(|number| number.parse().ok()).unwrap_or(0)
+    };
+    let (mut width, mut height, mut inner) = (0, 0, String::new());
+    for drawing in drawings {
+        inner += &drawing.replacen("<svg ", &format!("<svg y=\"{height}\" "), 1);
+        width = width.max(side(drawing, "width"));
+        height += side(drawing, "height");
+    }
+    format!(
+        "<svg width=\"{width}\" height=\"{height}\" xmlns=\"http://www.w3.org/2000/svg\">\n{inner}</svg>\n"
+    )
+}
+
 /// A label in lines that fit below a group of bars.
 fn lines(label: &str) -> Vec<String> {
     const LETTERS_MAX: usize = 12;

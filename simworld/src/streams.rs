@@ -34,6 +34,8 @@ pub enum Purpose {
     RadioImpairments = 12,
     /// When a whole sensor is wrong, and how.
     WrongBurst = 13,
+    /// Noise of absolute fixes.
+    Fix = 14,
 }
 
 /// The streams of one sample of one experiment.

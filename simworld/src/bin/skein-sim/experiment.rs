@@ -6,9 +6,11 @@ use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use miette::IntoDiagnostic;
 use skein_estimation::cooperative::Optimiser;
+use skein_simworld::experiment::consistency::cell::{CELLS, Cell};
 use skein_simworld::experiment::cooperative::{self, CellResult, Engine, Request};
-use skein_simworld::experiment::modes;
-use std::path::PathBuf;
+use skein_simworld::experiment::{consistency, modes};
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
 
 /// Which experiment.
 #[derive(Debug, Subcommand)]
@@ -17,6 +19,8 @@ pub(crate) enum Experiment {
     Cooperative(CooperativeArguments),
     /// The modes of the cooperative pipeline on section V with outliers, bursts, blackouts, loss, delay and disorder.
     Modes(ModesArguments),
+    /// Error over the bound of a batch, and NEES: teams, kinds, loss, outliers, wrong noise, biases and liars, by mode.
+    Consistency(ConsistencyArguments),
 }
 
 /// Options of `experiment cooperative`.
@@ -65,12 +69,103 @@ pub(crate) struct ModesArguments {
     json: bool,
 }
 
+/// Options of `experiment consistency`.
+#[derive(Debug, Args)]
+pub(crate) struct ConsistencyArguments {
+    /// A cell to fly, any number of times; all when not given.
+    #[arg(long = "cell", value_name = "NAME", value_parser = cell)]
+    cells: Vec<Cell>,
+    /// Samples a cell.
+    #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u64).range(2..=1_000_000))]
+    samples: u64,
+    /// First seed.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Rounds of every cell; each cell's own when not given.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(2..=10_000))]
+    rounds: Option<u32>,
+    /// Threads; all cores when not given.
+    #[arg(long)]
+    threads: Option<usize>,
+    /// Write one line a cell and method there.
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+    /// Draw the ratios, and the NEES over time, there.
+    #[arg(long, value_name = "FILE")]
+    svg: Option<PathBuf>,
+    /// Print one JSON array, one object a cell, instead of the table.
+    #[arg(long)]
+    json: bool,
+}
+
+/// A cell by its name.
+fn cell(name: &str) -> Result<Cell, String> {
+    Cell::named(name).ok_or_else(|| {
+        let names: Vec<&str> = CELLS.iter().map(|cell| cell.name).collect();
+        format!("there is no such cell, but {}", names.join(", "))
+    })
+}
+
 pub(crate) fn run(experiment: &Experiment) -> miette::Result<()> {
     match experiment {
         Experiment::Cooperative(arguments) => {
             rayon_pool(arguments.threads)?.install(|| cooperative(arguments))
         }
         Experiment::Modes(arguments) => rayon_pool(arguments.threads)?.install(|| modes(arguments)),
+        Experiment::Consistency(arguments) => {
+            rayon_pool(arguments.threads)?.install(|| consistency(arguments))
+        }
+    }
+}
+
+fn consistency(arguments: &ConsistencyArguments) -> miette::Result<()> {
+    let cells = if arguments.cells.is_empty() {
+        &CELLS[..]
+    } else {
+        &arguments.cells[..]
+    };
+    let progress = progress(arguments.samples * cells.len() as u64)?;
+    let request = consistency::Request {
+        samples: arguments.samples,
+        seed: arguments.seed,
+        rounds: arguments.rounds.map(|rounds| rounds as usize),
+        clock_s: &|| progress.elapsed().as_secs_f64(),
+    };
+    let mut results = Vec::new();
+    for cell in cells {
+        progress.set_message(cell.name);
+        let result = consistency::run(cell, &request, || progress.inc(1)).into_diagnostic()?;
+        results.push(result);
+    }
+    progress.finish_and_clear();
+    if let Some(file) = &arguments.csv {
+        write_to(file, &consistency::report::csv(&results))?;
+    }
+    if let Some(file) = &arguments.svg {
+        let figure = consistency::report::figure(&results).into_diagnostic()?;
+        write_to(file, &figure)?;
+    }
+    if arguments.json {
+        let json = serde_json::to_string_pretty(&results).into_diagnostic()?;
+        return print(&format!("{json}\n"));
+    }
+    print(&consistency::report::table(&results))
+}
+
+/// Writes a file of the caller's naming.
+fn write_to(file: &Path, text: &str) -> miette::Result<()> {
+    let name = file.file_name().and_then(|name| name.to_str());
+    let name = name.ok_or_else(|| miette::miette!("{} is no file", file.display()))?;
+    write(file.parent().unwrap_or(Path::new(".")), name, text)
+}
+
+/// Prints a text. A closed pipe is no failure: whoever reads has had enough.
+fn print(text: &str) -> miette::Result<()> {
+    let mut out = std::io::stdout().lock();
+    let written = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+    match written {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(error).into_diagnostic(),
+        _ => Ok(()),
     }
 }
 

@@ -30,6 +30,35 @@ pub struct RawRound {
     pub moments: Vec<Moment>,
     /// What was measured.
     pub sightings: Vec<RawSighting>,
+    /// Who was told where it is in the world, and what.
+    pub fixes: Vec<RawFix>,
+}
+
+impl History {
+    /// How many vehicles.
+    #[must_use]
+    pub const fn team(&self) -> usize {
+        self.starts.len()
+    }
+
+    /// The last round.
+    #[must_use]
+    pub const fn last(&self) -> usize {
+        self.rounds.len() - 1
+    }
+
+    /// Where a vehicle was.
+    #[must_use]
+    pub fn true_pose(&self, k: usize, vehicle: usize) -> Transform<WorldFrame, Body> {
+        transform(&self.truth[k][vehicle])
+    }
+
+    /// What a vehicle's odometry says of the way to a round from an earlier one.
+    #[must_use]
+    pub fn step(&self, vehicle: usize, earlier: usize, k: usize) -> Transform<Body, Body> {
+        let pose = |k: usize| self.rounds[k].moments[vehicle].point.odometry_from_body;
+        pose(earlier).inverse() * pose(k)
+    }
 }
 
 /// What one vehicle measured of another.
@@ -39,6 +68,17 @@ pub struct RawSighting {
     pub from: usize,
     /// Whom.
     pub to: usize,
+    /// What.
+    pub observation: Observation,
+    /// Whether it is not so. No estimator is told; the bound is.
+    pub is_wrong: bool,
+}
+
+/// What was measured of the world.
+#[derive(Clone, Copy, Debug)]
+pub struct RawFix {
+    /// Whose place.
+    pub of: usize,
     /// What.
     pub observation: Observation,
 }
@@ -102,6 +142,7 @@ pub fn record(world: &mut World) -> Result<History, NotBare> {
                                     from_end: mounts[vehicle],
                                     to_end: Transform::identity(),
                                 },
+                                is_wrong: false,
                             });
                         }
                     }
@@ -124,6 +165,7 @@ pub fn record(world: &mut World) -> Result<History, NotBare> {
             history.rounds.push(RawRound {
                 moments: (0..team).map(moment).collect(),
                 sightings,
+                fixes: Vec::new(),
             });
             let truth = (0..team).map(|vehicle| world.pose(vehicle, instant_ns));
             history.truth.push(truth.collect());
