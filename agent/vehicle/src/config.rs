@@ -36,6 +36,8 @@ pub struct Config {
     /// Whether round records say where the vehicle was told to be and what it fixed of itself, for neighbours that smooth the
     /// whole team. It takes room from repeated rounds.
     pub tell_absolute: bool,
+    /// Whether a neighbour that was out of reach is asked for the rounds that were missed.
+    pub ask_backlog: bool,
     /// Shortest time between two published estimates.
     pub estimate_spacing: Span,
 }

@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 
 use skein_estimation::time::{Span, Stamp};
 use skein_estimation::{Body, Sensor, Transform, World};
+use skein_proto::backlog::BacklogRound;
 use skein_proto::codec::{self, Body as _};
 use skein_proto::envelope::Envelope;
 use skein_proto::estimate::Estimate;
@@ -17,6 +18,7 @@ use skein_proto::record::{self, Addressed, PeerEcho, RoundFix, RoundRecord};
 use skein_proto::status::Status;
 
 use crate::anchor::Anchor;
+use crate::backlog::Backlog;
 use crate::counters::Counters;
 use crate::input::PacketKey;
 use crate::neighbours::Neighbours;
@@ -85,6 +87,8 @@ pub(crate) struct Speech {
     rounds: VecDeque<SaidRound>,
     /// The anchor that was last told of, by its time, and in how many rounds so far.
     anchor: Option<(Stamp, u64)>,
+    backlog: Backlog,
+    backlogs: u32,
     pub(crate) sent: SentStamps,
     /// What was left out because a bound was reached.
     pub(crate) cut: Counters,
@@ -115,6 +119,8 @@ impl Speech {
             echo_turn: 0,
             rounds: VecDeque::new(),
             anchor: None,
+            backlog: Backlog::default(),
+            backlogs: 0,
             sent: SentStamps::default(),
             cut: Counters::default(),
         }
@@ -204,7 +210,7 @@ impl Speech {
                 back,
                 ..known.round.clone()
             });
-            let fixes = known.fixes.iter().filter(|_| self.tell_absolute);
+            let fixes = known.fixes.iter();
             record
                 .fixes
                 .extend(fixes.map(|fix| RoundFix { back, fix: *fix }));
@@ -234,6 +240,22 @@ impl Speech {
         let packet = codec::encode(self.envelope(self.records, round.instant), &record);
         let bytes = self.sendable(now, packet)?;
         Some((PacketKey::Odometry { from: self.me }, bytes))
+    }
+
+    /// The packets of an answer: this vehicle's rounds after an instant. None when too many are asking.
+    pub(crate) fn answer(&mut self, now: Stamp, since_ns: i64) -> Option<Vec<Vec<u8>>> {
+        if !self.backlog.may_answer(now) {
+            return None;
+        }
+        let answer = self.backlog.since(since_ns);
+        self.cut.add("backlog_rounds", answer.cut);
+        let packets = answer.packets.iter().filter_map(|backlog| {
+            let newest_ns = backlog.rounds.last().map_or(since_ns, |last| last.taken_ns);
+            self.backlogs = self.backlogs.wrapping_add(1);
+            let envelope = self.envelope(self.backlogs, Stamp::from_nanos(newest_ns));
+            self.counted(codec::encode(envelope, backlog))
+        });
+        Some(packets.collect())
     }
 
     /// The estimate in bytes.
@@ -281,7 +303,15 @@ impl Speech {
                 .map(|(_, addressed)| addressed)
                 .collect(),
         };
-        let fixes = self.fixed(round);
+        let mut fixes = self.fixed(round);
+        if !self.tell_absolute {
+            fixes.clear();
+        }
+        self.backlog.remember(BacklogRound {
+            taken_ns: round.instant.as_nanos(),
+            round: entry.clone(),
+            fixes: fixes.clone(),
+        });
         self.rounds.push_back(SaidRound {
             index: round.index,
             round: entry,
