@@ -226,6 +226,7 @@ impl RawConfig {
                 presence_timeout: cooperative.presence_timeout,
                 repeats: cooperative.repeats,
                 tell_absolute: false,
+                ask_backlog: false,
                 estimate_spacing: Span::from_secs_f64(1.0 / estimate_rate_hz),
             },
             drivers,

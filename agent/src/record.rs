@@ -60,6 +60,8 @@ pub(crate) enum OutputRecord {
     Health { json: String },
     WakeAt { stamp_ns: i64 },
     Checkpoint { bytes: Vec<u8> },
+    Ask { to: Name, boot: u64, since_ns: i64 },
+    Answer { query: u64, packets: Vec<Vec<u8>> },
 }
 
 impl OutputRecord {
@@ -81,6 +83,15 @@ impl OutputRecord {
             },
             Output::Checkpoint(checkpoint) => Self::Checkpoint {
                 bytes: checkpoint.encode(vehicle).to_vec(),
+            },
+            Output::Ask { to, boot, since_ns } => Self::Ask {
+                to: *to,
+                boot: *boot,
+                since_ns: *since_ns,
+            },
+            Output::Answer { query, packets } => Self::Answer {
+                query: *query,
+                packets: packets.clone(),
             },
         }
     }
@@ -121,6 +132,7 @@ pub(crate) struct Header {
     presence_timeout_ns: i64,
     repeats: u64,
     tell_absolute: bool,
+    ask_backlog: bool,
     estimate_spacing_ns: i64,
 }
 
@@ -197,6 +209,7 @@ impl Header {
             presence_timeout_ns: config.presence_timeout.as_nanos(),
             repeats: config.repeats as u64,
             tell_absolute: config.tell_absolute,
+            ask_backlog: config.ask_backlog,
             estimate_spacing_ns: config.estimate_spacing.as_nanos(),
         }
     }
@@ -236,6 +249,7 @@ impl Header {
             presence_timeout: Span::from_nanos(self.presence_timeout_ns),
             repeats: usize::try_from(self.repeats).unwrap_or(usize::MAX),
             tell_absolute: self.tell_absolute,
+            ask_backlog: self.ask_backlog,
             estimate_spacing: Span::from_nanos(self.estimate_spacing_ns),
         }
     }

@@ -32,6 +32,7 @@ fn started(fleet: &str, vehicle: &str, connect: Vec<String>) -> Agent {
             presence_timeout: Span::secs(2),
             repeats: 3,
             tell_absolute: false,
+            ask_backlog: false,
             estimate_spacing: Span::millis(50),
         },
         drivers: BTreeMap::new(),

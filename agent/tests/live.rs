@@ -48,6 +48,7 @@ fn settings(fleet: &str, vehicle: &str, clock: Clock, connect: Vec<String>) -> S
             presence_timeout: Span::secs(2),
             repeats: 3,
             tell_absolute: false,
+            ask_backlog: false,
             estimate_spacing: Span::millis(50),
         },
         drivers: BTreeMap::new(),

@@ -347,6 +347,7 @@ impl Stage for Recorded {
             presence_timeout: Span::secs(3),
             repeats: 3,
             tell_absolute: false,
+            ask_backlog: false,
             estimate_spacing: Span::millis(20),
         }
     }

@@ -271,6 +271,7 @@ impl Stage for World {
             presence_timeout: Span::secs(3),
             repeats: 3,
             tell_absolute: false,
+            ask_backlog: false,
             estimate_spacing: Span::ZERO,
         }
     }

@@ -42,6 +42,7 @@ fn agent(clock: Clock) -> Agent {
         presence_timeout: Span::secs(3),
         repeats: 3,
         tell_absolute: false,
+        ask_backlog: false,
         estimate_spacing: Span::ZERO,
     };
     let settings = Settings {

@@ -66,6 +66,7 @@ pub(crate) fn settings(fleet: &str, nth: usize, network: NetworkSettings) -> Set
             presence_timeout: Span::secs(2),
             repeats: 3,
             tell_absolute: false,
+            ask_backlog: false,
             estimate_spacing: Span::millis(50),
         },
         drivers: BTreeMap::new(),

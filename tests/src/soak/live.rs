@@ -91,6 +91,7 @@ fn settings(nth: usize, clock: Clock, connect: Vec<String>, start: Start) -> Set
             presence_timeout: Span::secs(2),
             repeats: 3,
             tell_absolute: false,
+            ask_backlog: false,
             estimate_spacing: Span::millis(50),
         },
         drivers: BTreeMap::new(),
