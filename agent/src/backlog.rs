@@ -33,15 +33,15 @@ pub(crate) struct Backlogs {
 }
 
 impl Backlogs {
-    /// Passes somebody's question on to the vehicle, or gives the query back with what is wrong with it.
-    pub(crate) fn pass_on(&self, query: Query) -> Result<(), (Query, ErrorDocument)> {
+    /// Passes somebody's question on to the vehicle, or says what is wrong with it.
+    pub(crate) fn pass_on(&self, query: &Query) -> Result<(), ErrorDocument> {
         let Some(question) = Question::parse(query.parameters().as_str()) else {
-            return Err((query, malformed()));
+            return Err(malformed());
         };
-        let query = self.pending.keep(real_now(), query).map_err(|query| {
+        let Ok(query) = self.pending.keep(real_now(), query.clone()) else {
             self.refusals.count("backlog_full");
-            (query, busy())
-        })?;
+            return Err(busy());
+        };
         let input = Input::Asked {
             query,
             since_ns: question.since_ns,

@@ -62,7 +62,7 @@ pub(crate) fn answer_all(
     backlogs: &Backlogs,
 ) {
     let vehicle = published.info().vehicle;
-    while let Some(Question { wish, mut query }) = questions.pop() {
+    while let Some(Question { wish, query }) = questions.pop() {
         let parameters = query.parameters().as_str().to_owned();
         let answered = match wish {
             Wish::Tell(about) => answer(about, &parameters, published)
@@ -73,12 +73,9 @@ pub(crate) fn answer_all(
                 let key = Key::Rpc { on: vehicle, verb };
                 done.map(|document| (key, json(&document), Encoding::APPLICATION_JSON))
             }
-            Wish::Backlog => match backlogs.pass_on(query) {
+            Wish::Backlog => match backlogs.pass_on(&query) {
                 Ok(()) => continue,
-                Err((unanswered, error)) => {
-                    query = unanswered;
-                    Err(error)
-                }
+                Err(error) => Err(error),
             },
         };
         let sent = match answered {
