@@ -161,7 +161,7 @@ fn a_vehicle_that_was_deaf_has_what_it_missed_within_a_second_of_its_return() {
 }
 
 #[test]
-fn who_does_not_ask_is_told_nothing_and_flies_as_before() {
+fn who_does_not_ask_is_told_nothing() {
     let fly = |config: fn(usize, Config) -> Config| {
         let mut fleet = deafened(Fleet::with_configs(&section_v(), 1, config));
         fleet.run_s(2.0);
