@@ -1,5 +1,6 @@
 //! One agent: a vehicle with its threads, from start to a clean stop. A process may run several.
 
+use crate::backlog::Backlogs;
 use crate::checkpoint::{self, CheckpointWriter};
 use crate::driver::replay::{FramesDriver, RecordingDriver, RecordingError};
 use crate::driver::zenoh::ZenohDriver;
@@ -10,6 +11,7 @@ use crate::life::Life;
 use crate::network::NetworkError;
 use crate::operator::Operator;
 use crate::outbox::{self, OUTBOX_MAX};
+use crate::pending::Pending;
 use crate::process::Process;
 use crate::published::{Published, PublishedEstimate};
 use crate::queries::{self, QUERIES_MAX, Question};
@@ -162,6 +164,13 @@ impl Agent {
         settings: &Settings,
         refusals: &Refusals,
     ) -> Result<(), StartError> {
+        let backlogs = Backlogs {
+            fleet: settings.fleet,
+            clock: settings.clock,
+            inbox: self.inbox.clone(),
+            refusals: refusals.clone(),
+            pending: Pending::default(),
+        };
         let reception = Reception {
             fleet: settings.fleet,
             vehicle: settings.vehicle.vehicle,
@@ -169,6 +178,7 @@ impl Agent {
             clock: settings.clock,
             inbox: self.inbox.clone(),
             questions: self.questions.clone(),
+            backlogs: backlogs.clone(),
             faults: self.faults.clone(),
             refusals: refusals.clone(),
             rpc: settings.rpc,
@@ -191,7 +201,7 @@ impl Agent {
             inbox: self.inbox.clone(),
         };
         self.threads.push(thread("queries", move || {
-            queries::answer_all(&questions, fleet, &published, &operator);
+            queries::answer_all(&questions, fleet, &published, &operator, &backlogs);
         })?);
         if let Some(filter) = self.faults.clone() {
             let (clock, inbox) = (settings.clock, self.inbox.clone());

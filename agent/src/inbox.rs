@@ -233,6 +233,8 @@ impl Source {
             }
             // An operator is one source among those that come and go.
             Input::SetPose { .. } => (LaneKind::Presence, Name::parse("operator").ok()?),
+            // So is everybody who asks: their number is bounded before they come here.
+            Input::Asked { .. } => (LaneKind::Presence, Name::parse("backlog").ok()?),
             Input::Wake => return None,
         };
         Some(Self { lane, name })

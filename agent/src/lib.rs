@@ -9,6 +9,7 @@
 #![cfg_attr(test, allow(clippy::unwrap_used))]
 
 pub mod agent;
+mod backlog;
 mod changes;
 pub mod checkpoint;
 pub mod clock;
@@ -21,6 +22,7 @@ mod life;
 pub mod network;
 mod operator;
 mod outbox;
+mod pending;
 pub mod pose_graph;
 mod process;
 mod published;

@@ -7,8 +7,10 @@ use crate::queries::json;
 use crate::queue::Queue;
 use crate::reception::Reception;
 use crate::session;
+use skein_proto::backlog::Question;
 use skein_proto::document::HealthDocument;
 use skein_proto::keys::Key;
+use skein_proto::name::Name;
 use skein_vehicle::PacketKey;
 use std::sync::Arc;
 use zenoh::bytes::Encoding;
@@ -22,7 +24,20 @@ pub(crate) const OUTBOX_MAX: usize = 1_024;
 
 /// One publication.
 pub(crate) enum Outgoing {
-    Packet { key: PacketKey, bytes: Vec<u8> },
+    Packet {
+        key: PacketKey,
+        bytes: Vec<u8>,
+    },
+    /// For a neighbour, about its last rounds.
+    Question {
+        to: Name,
+        question: Question,
+    },
+    /// To the question of that number.
+    Answer {
+        query: u64,
+        packets: Vec<Vec<u8>>,
+    },
     Estimate(Arc<PublishedEstimate>),
     Health(Arc<HealthDocument>),
 }
@@ -57,6 +72,7 @@ pub(crate) fn run(
     );
     life.set_session(session.clone());
     while let Some(outgoing) = outbox.pop() {
+        reception.backlogs.give_up();
         if let Err(error) = publish(&session, reception, outgoing) {
             tracing::debug!(%error, "a publication failed");
         }
@@ -77,6 +93,8 @@ fn publish(session: &Session, reception: &Reception, outgoing: Outgoing) -> zeno
             .express(true)
             .allowed_destination(Locality::Remote)
             .wait(),
+        Outgoing::Question { to, question } => reception.backlogs.ask(session, to, question),
+        Outgoing::Answer { query, packets } => reception.backlogs.reply(of, query, packets),
         Outgoing::Estimate(estimate) => session
             .put(
                 Key::Estimate { of }.in_fleet(fleet),

@@ -1,5 +1,7 @@
 //! Answers to queries for the estimate, the health and the info of this vehicle, and the errors for what they ask wrongly.
+//! Those for its last rounds the vehicle answers itself.
 
+use crate::backlog::Backlogs;
 use crate::operator::Operator;
 use crate::published::Published;
 use crate::queue::Queue;
@@ -27,6 +29,8 @@ pub(crate) enum Wish {
     Tell(About),
     /// Something done: the verb under `@rpc`.
     Do(Name),
+    /// The vehicle's last rounds.
+    Backlog,
 }
 
 /// The documents that are answered.
@@ -55,6 +59,7 @@ pub(crate) fn answer_all(
     fleet: Name,
     published: &Published,
     operator: &Operator,
+    backlogs: &Backlogs,
 ) {
     let vehicle = published.info().vehicle;
     while let Some(Question { wish, query }) = questions.pop() {
@@ -68,6 +73,10 @@ pub(crate) fn answer_all(
                 let key = Key::Rpc { on: vehicle, verb };
                 done.map(|document| (key, json(&document), Encoding::APPLICATION_JSON))
             }
+            Wish::Backlog => match backlogs.pass_on(&query) {
+                Ok(()) => continue,
+                Err(error) => Err(error),
+            },
         };
         let sent = match answered {
             Ok((key, bytes, encoding)) => query

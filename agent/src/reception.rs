@@ -1,6 +1,7 @@
 //! What comes in from Zenoh: callbacks that parse the key, look at the length and enqueue. No other work is done on
 //! Zenoh's threads.
 
+use crate::backlog::Backlogs;
 use crate::clock::Clock;
 use crate::faults::FaultFilter;
 use crate::inbox::Inbox;
@@ -27,6 +28,7 @@ pub(crate) struct Reception {
     pub(crate) clock: Clock,
     pub(crate) inbox: Inbox,
     pub(crate) questions: Queue<Question>,
+    pub(crate) backlogs: Backlogs,
     pub(crate) faults: Option<FaultFilter>,
     pub(crate) refusals: Refusals,
     /// Whether queries under `@rpc` are taken.
@@ -70,6 +72,15 @@ impl Reception {
                 .background()
                 .wait()?;
         }
+        let questions = self.questions.clone();
+        session
+            .declare_queryable(Key::Backlog { of: self.vehicle }.in_fleet(self.fleet))
+            .callback(move |query| {
+                let wish = Wish::Backlog;
+                questions.push(Question { wish, query });
+            })
+            .background()
+            .wait()?;
         if self.rpc {
             let reception = self.clone();
             session

@@ -60,6 +60,8 @@ pub(crate) enum OutputRecord {
     Health { json: String },
     WakeAt { stamp_ns: i64 },
     Checkpoint { bytes: Vec<u8> },
+    Ask { to: Name, boot: u64, since_ns: i64 },
+    Answer { query: u64, packets: Vec<Vec<u8>> },
 }
 
 impl OutputRecord {
@@ -81,6 +83,15 @@ impl OutputRecord {
             },
             Output::Checkpoint(checkpoint) => Self::Checkpoint {
                 bytes: checkpoint.encode(vehicle).to_vec(),
+            },
+            Output::Ask { to, boot, since_ns } => Self::Ask {
+                to: *to,
+                boot: *boot,
+                since_ns: *since_ns,
+            },
+            Output::Answer { query, packets } => Self::Answer {
+                query: *query,
+                packets: packets.clone(),
             },
         }
     }

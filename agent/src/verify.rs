@@ -151,6 +151,12 @@ fn describe(output: Option<&OutputRecord>) -> String {
         Some(OutputRecord::Estimate { packet }) => format!("an estimate of {} bytes", packet.len()),
         Some(OutputRecord::Health { json }) => format!("the health {json}"),
         Some(OutputRecord::WakeAt { stamp_ns }) => format!("a wake at {stamp_ns} ns"),
+        Some(OutputRecord::Ask { to, boot, since_ns }) => {
+            format!("a question to {to}, boot {boot:016x}, for what came after {since_ns} ns")
+        }
+        Some(OutputRecord::Answer { query, packets }) => {
+            format!("an answer of {} packets to question {query}", packets.len())
+        }
         Some(OutputRecord::Checkpoint { bytes }) => format!("the checkpoint {bytes:02x?}"),
     }
 }

@@ -11,6 +11,7 @@ use crate::published::{Published, PublishedEstimate};
 use crate::queue::Queue;
 use crate::record::{Recorder, Step};
 use skein_estimation::time::{Span, Stamp};
+use skein_proto::backlog::Question;
 use skein_vehicle::{Input, Output, Vehicle};
 use std::sync::Arc;
 
@@ -91,6 +92,13 @@ impl Worker {
             match output {
                 Output::Send { key, bytes } => {
                     self.outbox.push(Outgoing::Packet { key, bytes });
+                }
+                Output::Ask { to, boot, since_ns } => {
+                    let question = Question { since_ns, boot };
+                    self.outbox.push(Outgoing::Question { to, question });
+                }
+                Output::Answer { query, packets } => {
+                    self.outbox.push(Outgoing::Answer { query, packets });
                 }
                 Output::Estimate { packet, document } => {
                     if let Some(change) = pace.changes.in_estimate(&document) {

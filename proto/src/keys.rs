@@ -24,6 +24,11 @@ pub enum Key {
         /// Sender.
         from: Name,
     },
+    /// `{vehicle}/x/backlog`: its last rounds, queryable.
+    Backlog {
+        /// Whose.
+        of: Name,
+    },
     /// `{vehicle}/x/features`: the anonymous feature set.
     Features {
         /// Sender.
@@ -126,6 +131,9 @@ impl Key {
             [from, "x", "odometry"] => Self::Odometry {
                 from: Name::parse(from)?,
             },
+            [of, "x", "backlog"] => Self::Backlog {
+                of: Name::parse(of)?,
+            },
             [from, "x", "features"] => Self::Features {
                 from: Name::parse(from)?,
             },
@@ -161,7 +169,7 @@ pub fn boot_text(boot: u64) -> String {
     format!("{boot:016x}")
 }
 
-fn parse_boot(text: &str) -> Result<u64, KeyError> {
+pub(crate) fn parse_boot(text: &str) -> Result<u64, KeyError> {
     let digits = text.len() == 16 && text.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f'));
     if digits {
         u64::from_str_radix(text, 16).map_err(|_| KeyError::Boot)
@@ -193,6 +201,7 @@ impl fmt::Display for Key {
         match self {
             Self::Exchange { from, to } => write!(f, "{from}/x/exchange/{to}"),
             Self::Odometry { from } => write!(f, "{from}/x/odometry"),
+            Self::Backlog { of } => write!(f, "{of}/x/backlog"),
             Self::Features { from } => write!(f, "{from}/x/features"),
             Self::Estimate { of } => write!(f, "{of}/state/estimate"),
             Self::Health { of } => write!(f, "{of}/state/health"),
@@ -259,6 +268,7 @@ mod tests {
         vec![
             Key::Exchange { from: v1, to: v2 },
             Key::Odometry { from: v1 },
+            Key::Backlog { of: v1 },
             Key::Features { from: v1 },
             Key::Estimate { of: v1 },
             Key::Health { of: v1 },
@@ -295,6 +305,7 @@ mod tests {
             [
                 "geese/@v1/v1/x/exchange/v2",
                 "geese/@v1/v1/x/odometry",
+                "geese/@v1/v1/x/backlog",
                 "geese/@v1/v1/x/features",
                 "geese/@v1/v1/state/estimate",
                 "geese/@v1/v1/state/health",

@@ -1,13 +1,14 @@
 //! The wire contract of Skein: what vehicles say to each other, under which keys, and in which bytes.
 //!
 //! Reading order: [`name`] and [`keys`] (who, where), [`envelope`] (what every packet opens with), then one file a
-//! message: [`exchange`], [`record`], [`estimate`], [`frame`] in bytes; [`document`] and [`faults`] in JSON. What they
+//! message: [`exchange`], [`record`], [`backlog`], [`estimate`], [`frame`] in bytes; [`document`] and [`faults`] in JSON. What they
 //! are made of: [`measured`], [`fixed`], [`anchor`], [`growth`]. [`codec`] turns bytes into checked values and back, and [`limits`] holds every bound.
 //!
 //! This crate knows raw integers and floats. It knows nothing of Zenoh, of mathematics or of our other crates.
 #![cfg_attr(test, allow(clippy::unwrap_used))]
 
 pub mod anchor;
+pub mod backlog;
 mod check;
 pub mod codec;
 pub mod document;

@@ -4,6 +4,10 @@
 pub const PACKET_BYTES_MAX: usize = 1100;
 /// Longest estimate: own pose and [`NEIGHBOURS_MAX`] neighbours with covariances.
 pub const ESTIMATE_BYTES_MAX: usize = 8192;
+/// Longest packet of a backlog: what the access rules of a secured fleet let pass.
+pub const BACKLOG_BYTES_MAX: usize = 16_000;
+/// Rounds in one packet of a backlog.
+pub const BACKLOG_ROUNDS_PER_PACKET_MAX: usize = 100;
 /// Longest driver frame, in either form (JSON or binary).
 pub const FRAME_BYTES_MAX: usize = 16_384;
 /// Longest JSON document that a tool of ours reads.

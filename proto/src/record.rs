@@ -139,7 +139,7 @@ impl RoundRecord {
 }
 
 impl Round {
-    fn check(&self) -> Result<(), DecodeError> {
+    pub(crate) fn check(&self) -> Result<(), DecodeError> {
         check::pose("odometry", &self.odometry_from_body)?;
         self.growth.check("growth")?;
         check::at_most("measured", &self.measured, MEASURED_PER_ROUND_MAX)?;

@@ -4,6 +4,7 @@
 use proptest::prelude::*;
 use skein_proto::VERSION_MINOR;
 use skein_proto::anchor::Anchor;
+use skein_proto::backlog::{Backlog, BacklogRound};
 use skein_proto::codec::{Body, DecodeError, decode, encode};
 use skein_proto::envelope::{ENVELOPE_BYTES, Envelope};
 use skein_proto::estimate::{Covariance, Estimate, NeighbourEstimate, Velocity};
@@ -189,6 +190,29 @@ fn record_with_absolute_information() -> RoundRecord {
     }
 }
 
+fn backlog() -> Backlog {
+    let RoundRecord { rounds, fixes, .. } = record_with_absolute_information();
+    let entry = |taken_ns, round: &Round, fixes| BacklogRound {
+        taken_ns,
+        round: Round {
+            back: 0,
+            ..round.clone()
+        },
+        fixes,
+    };
+    Backlog {
+        remaining: 300,
+        rounds: vec![
+            entry(1_799_999_999_800_000_000, &rounds[2], vec![]),
+            entry(
+                1_800_000_000_200_000_000,
+                &rounds[0],
+                vec![fixes[0].fix, fixes[1].fix],
+            ),
+        ],
+    }
+}
+
 fn estimate() -> Estimate {
     let covariance = Some(Covariance::BodyTwistRotationFirst(std::array::from_fn(
         |i| i as f64,
@@ -371,6 +395,7 @@ fn packets() -> Vec<(&'static str, Vec<u8>)> {
             "round record with absolute information",
             encode(envelope(), &record_with_absolute_information()).unwrap(),
         ),
+        ("backlog", encode(envelope(), &backlog()).unwrap()),
     ]
 }
 
@@ -458,6 +483,12 @@ fn golden_bytes_decode_to_what_was_encoded() {
         decode::<RoundRecord>(&absolute).unwrap().1,
         record_with_absolute_information()
     );
+    assert_eq!(
+        decode::<Backlog>(&bytes_of(GOLDEN_1_1, "backlog"))
+            .unwrap()
+            .1,
+        backlog()
+    );
     for (name, frame) in frames() {
         assert_eq!(Frame::decode(&bytes_of(GOLDEN_1_0, name)).unwrap(), frame);
     }
@@ -495,6 +526,37 @@ fn a_fix_belongs_to_a_round_of_its_record_and_their_number_is_bounded() {
     });
     let field = "fixed position";
     assert_eq!(nowhere, Err(DecodeError::NotFinite { field }));
+}
+
+#[test]
+fn a_backlog_is_in_order_and_bounded() {
+    let wrong = |change: fn(&mut Backlog)| {
+        let mut backlog = backlog();
+        change(&mut backlog);
+        encode(envelope(), &backlog).map_err(|error| error.0)
+    };
+    let out_of_range = |field| Err(DecodeError::OutOfRange { field });
+    let turned = wrong(|backlog| backlog.rounds.reverse());
+    assert_eq!(turned, out_of_range("rounds: taken_ns"));
+    let twice = wrong(|backlog| backlog.rounds[1] = backlog.rounds[0].clone());
+    assert_eq!(twice, out_of_range("rounds: taken_ns"));
+    let back = wrong(|backlog| backlog.rounds[0].round.back = 1);
+    assert_eq!(back, out_of_range("rounds: back"));
+    let rounds = |count| {
+        let first = &backlog().rounds[0];
+        let nth = |nth| BacklogRound {
+            taken_ns: nth,
+            ..first.clone()
+        };
+        let backlog = Backlog {
+            remaining: 0,
+            rounds: (0..count).map(nth).collect(),
+        };
+        encode(envelope(), &backlog).map_err(|error| error.0)
+    };
+    assert!(rounds(100).is_ok());
+    let (field, count, max) = ("rounds", 101, 100);
+    assert_eq!(rounds(101), Err(DecodeError::TooMany { field, count, max }));
 }
 
 #[test]
@@ -590,7 +652,7 @@ proptest! {
 
     #[test]
     fn no_mutation_of_a_packet_makes_decoding_panic(
-        which in 0..6usize,
+        which in 0..7usize,
         flips in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8),
         cut in any::<prop::sample::Index>(),
         shorten in any::<bool>(),
@@ -603,7 +665,7 @@ proptest! {
         if shorten {
             packet.truncate(cut.index(packet.len()));
         }
-        let _ = (decode::<Exchange>(&packet), decode::<RoundRecord>(&packet), decode::<Estimate>(&packet), Frame::decode(&packet));
+        let _ = (decode::<Exchange>(&packet), decode::<RoundRecord>(&packet), decode::<Backlog>(&packet), decode::<Estimate>(&packet), Frame::decode(&packet));
         if let Ok((_, exchange)) = decode::<Exchange>(&packet) {
             prop_assert!(exchange.prior.iter().flatten().all(|n| n.is_finite()));
         }
@@ -611,6 +673,6 @@ proptest! {
 
     #[test]
     fn no_bytes_make_decoding_panic(bytes in proptest::collection::vec(any::<u8>(), 0..400)) {
-        let _ = (decode::<Exchange>(&bytes), decode::<RoundRecord>(&bytes), decode::<Estimate>(&bytes), Frame::decode(&bytes));
+        let _ = (decode::<Exchange>(&bytes), decode::<RoundRecord>(&bytes), decode::<Backlog>(&bytes), decode::<Estimate>(&bytes), Frame::decode(&bytes));
     }
 }

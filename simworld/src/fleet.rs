@@ -9,6 +9,7 @@ use crate::truth::Pose;
 use crate::world::{Delivery, World};
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 use skein_estimation::time::Stamp;
+use skein_proto::backlog::Question;
 use skein_proto::document::{EstimateDocument, HealthDocument, PoseDocument};
 use skein_proto::name::Name;
 use skein_vehicle::{Checkpoint, Config, Input, Output, PacketKey, Vehicle};
@@ -25,8 +26,14 @@ pub struct Fleet<S = World> {
     now_ns: i64,
     lingering: Vec<Lingering>,
     deaf: BTreeSet<(usize, Name)>,
+    /// Who waits for the answer to a question, by its number.
+    questions: BTreeMap<u64, usize>,
+    asked: u64,
     log: Option<Vec<Logged>>,
 }
+
+/// Questions that wait for an answer; of a lost one, or one to a dead process, there is none.
+const QUESTIONS_MAX: usize = 256;
 
 /// A liveliness token that is still seen though its process is dead.
 #[derive(Clone, Copy, Debug)]
@@ -134,6 +141,8 @@ impl<S: Stage> Fleet<S> {
             now_ns: start_ns,
             lingering: Vec::new(),
             deaf: BTreeSet::new(),
+            questions: BTreeMap::new(),
+            asked: 0,
             log: None,
         };
         for vehicle in 0..fleet.len() {
@@ -297,6 +306,11 @@ impl<S: Stage> Fleet<S> {
         self.deaf.insert((vehicle, to));
     }
 
+    /// Packets of that name reach a vehicle again.
+    pub fn undeafen(&mut self, vehicle: usize, to: Name) {
+        self.deaf.remove(&(vehicle, to));
+    }
+
     /// A packet that none of the processes sent reaches a vehicle now.
     pub fn inject(&mut self, vehicle: usize, key: PacketKey, bytes: Vec<u8>) {
         let input = Input::Packet { key, bytes };
@@ -442,6 +456,10 @@ impl<S: Stage> Fleet<S> {
                 Output::Checkpoint(checkpoint) => {
                     self.members[vehicle].checkpoint = Some(checkpoint);
                 }
+                Output::Ask { to, boot, since_ns } => {
+                    self.ask(vehicle, to, Question { since_ns, boot });
+                }
+                Output::Answer { query, packets } => self.answer(vehicle, query, packets),
                 Output::WakeAt(at) => {
                     let wake_ns = self.stage.time_ns(vehicle, at.as_nanos()).max(self.now_ns);
                     if self.members[vehicle].wake_ns != wake_ns {
@@ -462,18 +480,62 @@ impl<S: Stage> Fleet<S> {
             {
                 continue;
             }
-            let apart_m = self.apart_m(from, to);
-            if let Verdict::Deliver { at_ns, copy_at_ns } =
-                self.radio
-                    .transmit(self.now_ns, from, to, apart_m, bytes.len())
-            {
-                for at_ns in std::iter::once(at_ns).chain(copy_at_ns) {
-                    let input = Input::Packet {
-                        key,
-                        bytes: bytes.to_vec(),
-                    };
-                    self.push(at_ns, Event::Input { vehicle: to, input });
-                }
+            let packet = || Input::Packet {
+                key,
+                bytes: bytes.to_vec(),
+            };
+            self.transmit(from, to, bytes.len(), packet);
+        }
+    }
+
+    /// A question goes into the air, to every process of that name.
+    fn ask(&mut self, from: usize, name: Name, question: Question) {
+        let Question { since_ns, boot } = question;
+        for to in 0..self.len() {
+            if to == from || self.members[to].config.vehicle != name {
+                continue;
+            }
+            self.asked += 1;
+            let query = self.asked;
+            self.questions.insert(query, from);
+            if self.questions.len() > QUESTIONS_MAX {
+                self.questions.pop_first();
+            }
+            let bytes = question.selector(name, name).len();
+            let asked = || Input::Asked {
+                query,
+                since_ns,
+                boot,
+            };
+            self.transmit(from, to, bytes, asked);
+        }
+    }
+
+    /// An answer goes into the air, once: a copy of its question finds nobody waiting.
+    fn answer(&mut self, from: usize, query: u64, packets: Vec<Vec<u8>>) {
+        let Some(to) = self.questions.remove(&query) else {
+            return;
+        };
+        let key = PacketKey::Backlog {
+            from: self.members[from].config.vehicle,
+        };
+        for bytes in packets {
+            let length = bytes.len();
+            self.transmit(from, to, length, || Input::Packet {
+                key,
+                bytes: bytes.clone(),
+            });
+        }
+    }
+
+    /// Whatever the radio lets through reaches a vehicle, when and as often as it says.
+    fn transmit(&mut self, from: usize, to: usize, bytes: usize, input: impl Fn() -> Input) {
+        let apart_m = self.apart_m(from, to);
+        let verdict = self.radio.transmit(self.now_ns, from, to, apart_m, bytes);
+        if let Verdict::Deliver { at_ns, copy_at_ns } = verdict {
+            for at_ns in std::iter::once(at_ns).chain(copy_at_ns) {
+                let input = input();
+                self.push(at_ns, Event::Input { vehicle: to, input });
             }
         }
     }

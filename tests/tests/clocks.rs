@@ -171,6 +171,7 @@ impl Puppet {
         let heard_ns = match key {
             PacketKey::Exchange { .. } => codec::decode::<Exchange>(bytes).unwrap().1.sent_ns,
             PacketKey::Odometry { .. } => codec::decode::<RoundRecord>(bytes).unwrap().1.sent_ns,
+            PacketKey::Backlog { .. } => unreachable!("nobody asked"),
         };
         self.heard = Some(Echo {
             heard_ns,
@@ -307,7 +308,7 @@ impl Stand {
                 }
                 Output::Estimate { document, .. } => self.estimate = Some(document),
                 Output::Health(document) => self.health = Some(document),
-                Output::Checkpoint(_) => {}
+                Output::Checkpoint(_) | Output::Ask { .. } | Output::Answer { .. } => {}
             }
         }
     }
@@ -461,7 +462,10 @@ fn listened(
                     estimates.retain(|known| known.taken_ns != document.taken_ns);
                     estimates.push(*document);
                 }
-                Output::Send { .. } | Output::Checkpoint(_) => {}
+                Output::Send { .. }
+                | Output::Checkpoint(_)
+                | Output::Ask { .. }
+                | Output::Answer { .. } => {}
             }
         }
     };

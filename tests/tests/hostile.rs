@@ -7,6 +7,7 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use skein_estimation::time::{Span, Stamp};
 use skein_proto::anchor::Anchor;
+use skein_proto::backlog::Backlog;
 use skein_proto::codec::{self, decode};
 use skein_proto::document::{EstimateDocument, HealthDocument};
 use skein_proto::envelope::Envelope;
@@ -151,6 +152,10 @@ fn check_finite(output: &Output) {
             key: PacketKey::Odometry { .. },
             bytes,
         } => drop(decode::<RoundRecord>(bytes).unwrap()),
+        Output::Send {
+            key: PacketKey::Backlog { .. },
+            ..
+        } => panic!("a backlog is an answer"),
         Output::Estimate { packet, document } => {
             decode::<Estimate>(packet).unwrap();
             let poses = document
@@ -174,7 +179,12 @@ fn check_finite(output: &Output) {
             let bytes = checkpoint.encode(vehicle);
             assert_eq!(Checkpoint::decode(vehicle, &bytes), Ok(*checkpoint));
         }
-        Output::Health(_) | Output::WakeAt(_) => {}
+        Output::Answer { packets, .. } => {
+            for bytes in packets {
+                decode::<Backlog>(bytes).unwrap();
+            }
+        }
+        Output::Health(_) | Output::Ask { .. } | Output::WakeAt(_) => {}
     }
 }
 
@@ -229,6 +239,8 @@ fn any_key(rng: &mut impl Rng) -> PacketKey {
     let from = who(rng);
     if rng.random() {
         PacketKey::Odometry { from }
+    } else if rng.random_ratio(1, 4) {
+        PacketKey::Backlog { from }
     } else {
         PacketKey::Exchange {
             from,
@@ -288,6 +300,8 @@ fn is_void(input: &Input) -> bool {
                     || decode::<RoundRecord>(bytes)
                         .map_or(true, |(head, _)| from_another(&head, from))
             }
+            // Nobody asked.
+            PacketKey::Backlog { .. } => true,
         },
         Input::Frame { sensor, bytes } => {
             *sensor == name("unheard_of") || Frame::decode(bytes).is_err()
@@ -697,6 +711,7 @@ fn fly_among_extremes(with_odometry: bool, pieces: usize) -> Pilot {
             let head = match key {
                 PacketKey::Exchange { .. } => decode::<Exchange>(honest).unwrap().0,
                 PacketKey::Odometry { .. } => decode::<RoundRecord>(honest).unwrap().0,
+                PacketKey::Backlog { .. } => unreachable!("nobody asked"),
             };
             let input = match rng.random_range(0..10) {
                 0..5 => extreme_packet(now, head, key.from(), &mut rng),
@@ -798,6 +813,7 @@ fn an_hour_ago(packets: Vec<(PacketKey, Vec<u8>)>) -> Vec<(PacketKey, Vec<u8>)> 
                 }
                 codec::encode(head(envelope), &record).unwrap()
             }
+            PacketKey::Backlog { .. } => unreachable!("nobody asked"),
         };
         (key, bytes)
     };

@@ -348,6 +348,7 @@ fn forged(
                 },
             )
         }
+        PacketKey::Backlog { .. } => unreachable!("nobody asked"),
     };
     (*key, bytes.unwrap())
 }
@@ -431,6 +432,7 @@ fn a_flood_of_names_that_nobody_bears_and_of_boots_that_never_echo_changes_nothi
                 let key = match key {
                     PacketKey::Exchange { to, .. } => PacketKey::Exchange { from: phantom, to },
                     PacketKey::Odometry { .. } => PacketKey::Odometry { from: phantom },
+                    PacketKey::Backlog { .. } => PacketKey::Backlog { from: phantom },
                 };
                 fleet.inject(0, key, bytes);
                 let claimed = 1_000 + step * 50 + k;
@@ -489,7 +491,10 @@ fn flown_again(mut change: impl FnMut(&mut Vec<u8>)) -> (Vec<Output>, HealthDocu
                 Output::WakeAt(_) => return,
                 Output::Health(document) => health = Some(*document),
                 output @ Output::Estimate { .. } => estimates.push(output),
-                Output::Send { .. } | Output::Checkpoint(_) => {}
+                Output::Send { .. }
+                | Output::Checkpoint(_)
+                | Output::Ask { .. }
+                | Output::Answer { .. } => {}
             }
         }
     };

@@ -109,6 +109,11 @@ impl HeardRounds {
         self.rounds.range(around).next().is_some()
     }
 
+    /// The newest one.
+    pub(crate) fn newest(&self) -> Option<&HeardRound> {
+        self.rounds.last_key_value().map(|(_, round)| round)
+    }
+
     /// In order of their instants.
     pub(crate) fn iter(&self) -> impl DoubleEndedIterator<Item = &HeardRound> {
         self.rounds.values()

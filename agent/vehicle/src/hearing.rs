@@ -1,6 +1,7 @@
 //! Packets from other vehicles: decoded, laid to a boot and a round, and either kept or refused with a reason.
 
 use skein_estimation::time::{Span, Stamp};
+use skein_proto::backlog::{Backlog, BacklogRound};
 use skein_proto::codec::{Body, decode};
 use skein_proto::envelope::Envelope;
 use skein_proto::exchange::{Echo, Exchange};
@@ -23,6 +24,9 @@ const CONTENT_AGE_MAX: Span = Span::secs(10);
 
 /// How far ahead of our time it may lie, by the sender's clock as we know it.
 const AHEAD_MAX: Span = Span::secs(1);
+
+/// The word by which packets of a backlog are counted.
+const BACKLOG: &str = "backlog";
 
 /// What listening needs to know of this vehicle.
 pub(crate) struct Listener<'a> {
@@ -60,16 +64,20 @@ impl Listener<'_> {
         let were_duplicates = neighbour.is_duplicated();
         let outcome = match key {
             PacketKey::Exchange { to, .. } if to != self.me => Err(Refused::NotForMe),
-            PacketKey::Exchange { .. } => self.hear_exchange(now, from, neighbour, bytes).map(Some),
-            PacketKey::Odometry { .. } => {
-                self.hear_record(now, from, neighbour, bytes).map(|()| None)
+            PacketKey::Exchange { .. } => self
+                .hear_exchange(now, from, neighbour, bytes)
+                .map(|round| (Kind::Exchange.word(), Some(round))),
+            PacketKey::Odometry { .. } => self
+                .hear_record(now, from, neighbour, bytes)
+                .map(|()| (Kind::Odometry.word(), None)),
+            PacketKey::Backlog { .. } => {
+                hear_backlog(now, from, neighbour, bytes).map(|()| (BACKLOG, None))
             }
         };
         let are_duplicates = neighbour.is_duplicated();
         let heard = match outcome {
-            Ok(round) => {
-                let kind = round.map_or(Kind::Odometry, |_| Kind::Exchange);
-                neighbour.counts.accepted.count(kind.word());
+            Ok((word, round)) => {
+                neighbour.counts.accepted.count(word);
                 round.map(|round| Heard { from, round })
             }
             Err(why) => {
@@ -97,6 +105,8 @@ impl Listener<'_> {
             PacketKey::Odometry { .. } => {
                 open::<RoundRecord>(self.me, bytes).map(|(head, _)| (Kind::Odometry, head))
             }
+            // Nobody asks itself.
+            PacketKey::Backlog { .. } => return Refused::Unasked,
         };
         let (kind, head) = match opened {
             Ok(opened) => opened,
@@ -194,9 +204,15 @@ impl Listener<'_> {
         if now - mine > CONTENT_AGE_MAX || boot.is_before_step(newest) {
             return Err(Refused::TooLate);
         }
+        let known = boot.rounds.newest().map(|round| round.instant);
+        let period = Span::micros(i64::from(record.period_us));
+        let oldest = record.rounds.iter().map(|round| round.back).max();
+        if let (Some(known), Some(back)) = (known, oldest) {
+            let oldest = newest.plus(-(period * i64::from(back)));
+            boot.asking.note(known, oldest, period);
+        }
         for round in &record.rounds {
-            let back = Span::micros(i64::from(record.period_us)) * i64::from(round.back);
-            let instant = newest.plus(-back);
+            let instant = newest.plus(-(period * i64::from(round.back)));
             if boot.is_before_step(instant) {
                 continue;
             }
@@ -269,6 +285,51 @@ impl Listener<'_> {
         neighbour.settle(now, said.boot);
         neighbour.is_in_office(said.boot)
     }
+}
+
+/// Takes rounds that were asked for: of the boot in office, in time, and of the instants that are missing. What is known
+/// already changes nothing.
+fn hear_backlog(
+    now: Stamp,
+    from: Name,
+    neighbour: &mut Neighbour,
+    bytes: &[u8],
+) -> Result<(), Refused> {
+    let (envelope, backlog) = open::<Backlog>(from, bytes)?;
+    if neighbour.is_duplicated() {
+        return Err(Refused::DuplicateId);
+    }
+    neighbour.is_in_office(envelope.boot)?;
+    let boot = neighbour.boot(envelope.boot);
+    if !boot.asking.expects(now) {
+        return Err(Refused::Unasked);
+    }
+    let (mut taken, mut unasked) = (0, 0);
+    for BacklogRound {
+        taken_ns,
+        round,
+        fixes,
+    } in backlog.rounds
+    {
+        let instant = PeerStamp::from_nanos(taken_ns);
+        if boot.rounds.knows(instant) {
+            continue;
+        }
+        if !boot.asking.misses(instant) || boot.is_before_step(instant) {
+            unasked += 1;
+            continue;
+        }
+        let heard = HeardRound::new(instant, &round, fixes)?;
+        boot.track.insert(heard.point);
+        taken += u64::from(boot.rounds.insert(heard));
+    }
+    if backlog.remaining == 0 {
+        boot.asking.close();
+    }
+    neighbour.counts.accepted.add("backlog_rounds", taken);
+    let refused = &mut neighbour.counts.refused;
+    refused.add(Refused::Unasked.word(), unasked);
+    Ok(())
 }
 
 /// What a packet of either kind says of itself.

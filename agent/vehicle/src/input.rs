@@ -46,6 +46,15 @@ pub enum Input {
         /// How well the operator knows its translation: standard deviation per axis (m).
         translation_sigma_m: f64,
     },
+    /// Somebody asks for this vehicle's last rounds. It is answered by [`crate::Output::Answer`].
+    Asked {
+        /// The shell's number for the question.
+        query: u64,
+        /// Only rounds after this, in nanoseconds of this vehicle's clock.
+        since_ns: i64,
+        /// The boot that is asked.
+        boot: u64,
+    },
 }
 
 /// The keys under which vehicles send each other packets.
@@ -63,6 +72,11 @@ pub enum PacketKey {
         /// Sender.
         from: Name,
     },
+    /// A reply to [`crate::Output::Ask`].
+    Backlog {
+        /// Who was asked.
+        from: Name,
+    },
 }
 
 impl PacketKey {
@@ -71,6 +85,7 @@ impl PacketKey {
         match *key {
             Key::Exchange { from, to } => Some(Self::Exchange { from, to }),
             Key::Odometry { from } => Some(Self::Odometry { from }),
+            Key::Backlog { of } => Some(Self::Backlog { from: of }),
             _ => None,
         }
     }
@@ -80,13 +95,14 @@ impl PacketKey {
         match *self {
             Self::Exchange { from, to } => Key::Exchange { from, to },
             Self::Odometry { from } => Key::Odometry { from },
+            Self::Backlog { from } => Key::Backlog { of: from },
         }
     }
 
     /// Who sent it, as the key says.
     pub fn from(&self) -> Name {
         match *self {
-            Self::Exchange { from, .. } | Self::Odometry { from } => from,
+            Self::Exchange { from, .. } | Self::Odometry { from } | Self::Backlog { from } => from,
         }
     }
 }

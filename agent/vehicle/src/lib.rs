@@ -39,6 +39,8 @@ pub mod told_pose;
 pub mod vehicle;
 
 mod anchor;
+mod asking;
+mod backlog;
 mod clock;
 mod counters;
 mod dead_reckoning;

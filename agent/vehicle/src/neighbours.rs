@@ -13,6 +13,7 @@ use skein_proto::measured::Measured;
 use skein_proto::name::Name;
 use skein_proto::status::Status;
 
+use crate::asking::Asking;
 use crate::clock::{FourStamps, Observed, PeerClock, PeerStamp};
 use crate::counters::{Counters, Rate};
 use crate::duplicates::{BOOTS_MAX, HANDOVER, Life, Namesakes, SILENCE};
@@ -100,6 +101,8 @@ pub(crate) struct Boot {
     pub(crate) track: Track,
     /// Its raw rounds, on its own clock.
     pub(crate) rounds: HeardRounds,
+    /// What is missing of them.
+    pub(crate) asking: Asking,
     /// What it said of each of *our* rounds.
     pub(crate) exchanges: BTreeMap<i64, HeardExchange>,
     /// The last of our rounds that one of its instants was laid to.
@@ -351,6 +354,15 @@ impl Neighbour {
         self.current().filter(|boot| boot.clock.is_known())
     }
 
+    /// What it is to be asked for now: of which boot, and after which of its instants.
+    pub(crate) fn ask(&mut self, now: Stamp) -> Option<(u64, PeerStamp)> {
+        let boot = self.usable()?.id;
+        if self.is_duplicated() {
+            return None;
+        }
+        Some((boot, self.boot(boot).asking.ask(now)?))
+    }
+
     /// The distance at the last solved round; infinite when unknown.
     pub(crate) fn distance_m(&self) -> f64 {
         self.relative.map_or(f64::INFINITY, |relative| {
@@ -425,6 +437,7 @@ impl Boot {
             body_from_target: Transform::identity(),
             track: Track::new(),
             rounds: HeardRounds::default(),
+            asking: Asking::default(),
             exchanges: BTreeMap::new(),
             last_round: None,
         }
@@ -458,6 +471,7 @@ impl Boot {
             self.stepped_at = Some(stamps.echoed);
             self.track = Track::new();
             self.rounds = HeardRounds::default();
+            self.asking = Asking::default();
             self.exchanges.clear();
             self.last_round = None;
         }

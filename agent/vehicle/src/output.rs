@@ -4,6 +4,7 @@ use crate::checkpoint::Checkpoint;
 use crate::input::PacketKey;
 use skein_estimation::time::Stamp;
 use skein_proto::document::{EstimateDocument, HealthDocument};
+use skein_proto::name::Name;
 
 /// One wish. [`crate::Vehicle::poll`] hands them out in order and ends with [`Output::WakeAt`].
 #[derive(Clone, Debug, PartialEq)]
@@ -26,6 +27,22 @@ pub enum Output {
     Health(Box<HealthDocument>),
     /// Where the vehicle is, to be kept for a restart. Only a pose that can be told is ever written down.
     Checkpoint(Checkpoint),
+    /// Ask a neighbour for its last rounds. Each reply comes back as an [`crate::Input::Packet`].
+    Ask {
+        /// Whom.
+        to: Name,
+        /// Which boot of it.
+        boot: u64,
+        /// Only rounds after this, in nanoseconds of its clock.
+        since_ns: i64,
+    },
+    /// Reply to an [`crate::Input::Asked`].
+    Answer {
+        /// The shell's number for the question.
+        query: u64,
+        /// The encoded packets, in this order; none when the question was for nobody.
+        packets: Vec<Vec<u8>>,
+    },
     /// Nothing more to do until this instant, or the next input. Always the last.
     WakeAt(Stamp),
 }

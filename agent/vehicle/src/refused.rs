@@ -48,6 +48,8 @@ pub(crate) enum Refused {
     Overlap,
     /// No pipeline takes this kind of frame yet.
     NoPipeline,
+    /// An answer to a question that was not asked, or of a time that was not asked for.
+    Unasked,
     /// A bound was reached.
     Full,
     /// The robust kernel found that it disagrees with everything else. Its size is in the health of the neighbour.
@@ -83,6 +85,7 @@ impl Refused {
             Self::SecondOdometry => "second_odometry",
             Self::Overlap => "overlap",
             Self::NoPipeline => "no_pipeline",
+            Self::Unasked => "unasked",
             Self::Full => "full",
             Self::Gated => "gated",
             Self::Quarantined => "quarantined",

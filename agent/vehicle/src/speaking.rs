@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 
 use skein_estimation::time::{Span, Stamp};
 use skein_estimation::{Body, Sensor, Transform, World};
+use skein_proto::backlog::BacklogRound;
 use skein_proto::codec::{self, Body as _};
 use skein_proto::envelope::Envelope;
 use skein_proto::estimate::Estimate;
@@ -17,6 +18,7 @@ use skein_proto::record::{self, Addressed, PeerEcho, RoundFix, RoundRecord};
 use skein_proto::status::Status;
 
 use crate::anchor::Anchor;
+use crate::backlog::Backlog;
 use crate::counters::Counters;
 use crate::input::PacketKey;
 use crate::neighbours::Neighbours;
@@ -84,6 +86,8 @@ pub(crate) struct Speech {
     rounds: VecDeque<SaidRound>,
     /// The anchor that was last told of, by its time, and in how many rounds so far.
     anchor: Option<(Stamp, u64)>,
+    backlog: Backlog,
+    backlogs: u32,
     pub(crate) sent: SentStamps,
     /// What was left out because a bound was reached.
     pub(crate) cut: Counters,
@@ -112,6 +116,8 @@ impl Speech {
             echo_turn: 0,
             rounds: VecDeque::new(),
             anchor: None,
+            backlog: Backlog::default(),
+            backlogs: 0,
             sent: SentStamps::default(),
             cut: Counters::default(),
         }
@@ -233,6 +239,22 @@ impl Speech {
         Some((PacketKey::Odometry { from: self.me }, bytes))
     }
 
+    /// The packets of an answer: this vehicle's rounds after an instant. None when too many are asking.
+    pub(crate) fn answer(&mut self, now: Stamp, since_ns: i64) -> Option<Vec<Vec<u8>>> {
+        if !self.backlog.may_answer(now) {
+            return None;
+        }
+        let answer = self.backlog.since(since_ns);
+        self.cut.add("backlog_rounds", answer.cut);
+        let packets = answer.packets.iter().filter_map(|backlog| {
+            let newest_ns = backlog.rounds.last().map_or(since_ns, |last| last.taken_ns);
+            self.backlogs = self.backlogs.wrapping_add(1);
+            let envelope = self.envelope(self.backlogs, Stamp::from_nanos(newest_ns));
+            self.counted(codec::encode(envelope, backlog))
+        });
+        Some(packets.collect())
+    }
+
     /// The estimate in bytes.
     pub(crate) fn estimate(&mut self, taken: Stamp, estimate: &Estimate) -> Option<Vec<u8>> {
         self.estimates = self.estimates.wrapping_add(1);
@@ -279,6 +301,11 @@ impl Speech {
                 .collect(),
         };
         let fixes = self.fixed(round);
+        self.backlog.remember(BacklogRound {
+            taken_ns: round.instant.as_nanos(),
+            round: entry.clone(),
+            fixes: fixes.clone(),
+        });
         self.rounds.push_back(SaidRound {
             index: round.index,
             round: entry,

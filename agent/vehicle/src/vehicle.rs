@@ -126,6 +126,11 @@ impl Vehicle {
                 rotation_sigma_rad,
                 translation_sigma_m,
             } => self.set_pose(&world_from_body, rotation_sigma_rad, translation_sigma_m),
+            Input::Asked {
+                query,
+                since_ns,
+                boot,
+            } => self.answer_question(now, query, since_ns, boot),
         }
         self.open_rounds(now);
         self.solve_rounds(now);
@@ -235,9 +240,36 @@ impl Vehicle {
             Ok(None) => {}
             Err(why) => self.refused.refuse(&why),
         }
+        self.ask(now, key.from());
         if std::mem::take(&mut self.neighbours.alarmed) {
             self.report_health(now);
         }
+    }
+
+    /// Asks a neighbour for what is missing of it, where that can still be used.
+    fn ask(&mut self, now: Stamp, to: Name) {
+        if self.config.mode != Mode::Team {
+            return;
+        }
+        let neighbour = self.neighbours.get_mut(to);
+        if let Some((boot, since)) = neighbour.and_then(|neighbour| neighbour.ask(now)) {
+            let since_ns = since.on_its_own_clock().as_nanos();
+            self.outputs.push_back(Output::Ask { to, boot, since_ns });
+        }
+    }
+
+    /// Somebody has missed rounds of this vehicle, or of one before it under its name.
+    fn answer_question(&mut self, now: Stamp, query: u64, since_ns: i64, boot: u64) {
+        let answer = if boot == self.config.boot {
+            self.speech.answer(now, since_ns).ok_or(Refused::Full)
+        } else {
+            Err(Refused::OldBoot)
+        };
+        let packets = answer.unwrap_or_else(|why| {
+            self.refused.refuse(&why);
+            Vec::new()
+        });
+        self.outputs.push_back(Output::Answer { query, packets });
     }
 
     /// Whoever speaks to us in a round in which we have not spoken to it is answered at once, so that a first contact

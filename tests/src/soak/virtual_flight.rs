@@ -219,6 +219,7 @@ impl Virtual {
         }
         let key = match key {
             PacketKey::Odometry { .. } => PacketKey::Odometry { from },
+            PacketKey::Backlog { .. } => PacketKey::Backlog { from },
             PacketKey::Exchange { .. } => PacketKey::Exchange {
                 from,
                 to: self.fleet.config(victim).vehicle,
