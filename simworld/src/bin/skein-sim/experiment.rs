@@ -9,7 +9,6 @@ use skein_estimation::cooperative::Optimiser;
 use skein_simworld::experiment::consistency::cell::{CELLS, Cell};
 use skein_simworld::experiment::cooperative::{self, CellResult, Engine, Request};
 use skein_simworld::experiment::{consistency, modes};
-use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 /// Which experiment.
@@ -157,16 +156,6 @@ fn write_to(file: &Path, text: &str) -> miette::Result<()> {
     let name = file.file_name().and_then(|name| name.to_str());
     let name = name.ok_or_else(|| miette::miette!("{} is no file", file.display()))?;
     write(file.parent().unwrap_or(Path::new(".")), name, text)
-}
-
-/// Prints a text. A closed pipe is no failure: whoever reads has had enough.
-fn print(text: &str) -> miette::Result<()> {
-    let mut out = std::io::stdout().lock();
-    let written = out.write_all(text.as_bytes()).and_then(|()| out.flush());
-    match written {
-        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(error).into_diagnostic(),
-        _ => Ok(()),
-    }
 }
 
 fn modes(arguments: &ModesArguments) -> miette::Result<()> {

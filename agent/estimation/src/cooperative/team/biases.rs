@@ -103,10 +103,10 @@ impl Expected {
             return Fate::Unchanged;
         }
         self.rounds += 1;
-        let known = range.known * range.known;
-        let within = noise.none_within * noise.none_within;
+        // The likelihood of none over that of anything within the room: a narrow estimate near none speaks for none.
         let is_none = |row: usize| {
-            variances[row] < known && value[row] * value[row] < within * variances[row]
+            let sigmas = value[row] * value[row] / variances[row];
+            range.room / variances[row].sqrt() * (-0.5 * sigmas).exp() > noise.none_beyond
         };
         if rows().all(is_none) {
             self.centre = Vector4::zeros();
@@ -141,11 +141,18 @@ mod tests {
         let mut biases = Biases::new(&NOISE);
         biases.value[3] = 0.001;
         assert_eq!(
-            judge(&mut biases, 0.005).scale,
+            judge(&mut biases, 0.011).scale,
             Fate::Unchanged,
             "who knows?"
         );
-        assert_eq!(judge(&mut biases, 0.0009).scale, Fate::Held);
+        biases.value[3] = 0.02;
+        assert_eq!(
+            judge(&mut biases, 0.005).scale,
+            Fate::Unchanged,
+            "four sigmas are something"
+        );
+        biases.value[3] = 0.001;
+        assert_eq!(judge(&mut biases, 0.005).scale, Fate::Held);
         assert_eq!(
             judge(&mut biases, 0.0003).scale,
             Fate::Room,

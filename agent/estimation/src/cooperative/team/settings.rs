@@ -71,8 +71,8 @@ pub struct BiasNoise {
     pub scale: BiasRange,
     /// Standard deviations of what is expected, beyond which a bias gets room.
     pub room_beyond: f64,
-    /// Standard deviations within which a bias is none.
-    pub none_within: f64,
+    /// How many times as likely none must be as any within the room, before a bias is held at none.
+    pub none_beyond: f64,
 }
 
 /// How one kind of bias is expected.
@@ -84,8 +84,6 @@ pub struct BiasRange {
     pub room: f64,
     /// Standard deviation once it is held at none.
     pub held: f64,
-    /// Standard deviation that the measurements must reach before it is held.
-    pub known: f64,
     /// Its random walk, per root second.
     pub walk: f64,
 }
@@ -115,18 +113,16 @@ impl Settings {
                 start: 0.0005 / Self::PERIOD_S,
                 room: 0.005 / Self::PERIOD_S,
                 held: 0.0005 / Self::PERIOD_S,
-                known: 0.0,
                 walk: 2e-5 / (Self::PERIOD_S * Self::ROOT_PERIOD),
             },
             scale: BiasRange {
                 start: 0.03,
                 room: 0.03,
                 held: 3e-4,
-                known: 1e-3,
                 walk: 3e-5 / Self::ROOT_PERIOD,
             },
             room_beyond: 3.0,
-            none_within: 2.5,
+            none_beyond: 3.0,
         },
         odometry_floor: (1e-4, 1e-4),
     };
