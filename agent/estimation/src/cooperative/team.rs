@@ -295,11 +295,10 @@ impl Team {
             .map(|pose| pose.world_from_body)
             .collect();
         let biases_before = window.biases();
-        window.weigh_edges(
-            &self.scales,
-            self.rounds > window.settings.settling_rounds,
-            true,
-        );
+        let settled = self.rounds > window.settings.settling_rounds;
+        window.linearise_edges(&self.scales);
+        window.weigh_edges(settled, true);
+        self.normal.lay_out(window);
         self.normal
             .assemble(window, &self.scales, |edge| !edge.is_new);
         self.normal.factor()?;
@@ -307,8 +306,10 @@ impl Team {
         let mut iteration = 0;
         let outcome = loop {
             let window = &mut self.window;
-            let settled = self.rounds > window.settings.settling_rounds;
-            window.weigh_edges(&self.scales, settled, iteration == 0);
+            if iteration > 0 {
+                window.linearise_edges(&self.scales);
+            }
+            window.weigh_edges(settled, iteration == 0);
             self.normal.assemble(window, &self.scales, |_| true);
             if let Err(why) = self.normal.factor() {
                 break Err(why);
@@ -337,13 +338,16 @@ impl Team {
     fn gate(&mut self) {
         let window = &mut self.window;
         let mut tested = std::mem::take(&mut window.tested);
+        for edge in &mut tested {
+            edge.linear = window.linearise(edge, &self.scales);
+        }
         let mut edges = std::mem::take(&mut window.edges);
         for edge in edges
             .iter_mut()
             .filter(|edge| edge.is_new)
             .chain(&mut tested)
         {
-            let linear = window.linearise(edge, &self.scales);
+            let linear = &edge.linear;
             let spread = self.normal.covariance_of(window, edge, &linear.twist);
             let innovation = (spread + Matrix6::identity()).cholesky();
             let square = innovation.map_or(f64::INFINITY, |innovation| {
@@ -360,11 +364,12 @@ impl Team {
     /// What is left over: verdicts, noise scales, doubts.
     fn take_stock(&mut self, report: &mut Report) {
         let settled = self.rounds > self.window.settings.settling_rounds;
-        self.window.weigh_edges(&self.scales, settled, false);
+        self.window.linearise_edges(&self.scales);
+        self.window.weigh_edges(settled, false);
         let mut scales = self.scales;
         let window = &self.window;
         for edge in window.edges.iter().filter(|edge| edge.is_new) {
-            let linear = window.linearise(edge, &self.scales);
+            let linear = &edge.linear;
             report.verdicts.push(Verdict {
                 by: edge.by,
                 of: edge.of,
@@ -379,7 +384,7 @@ impl Team {
                 continue;
             }
             let spread = self.normal.covariance_of(window, edge, &linear.twist);
-            let (angles, lengths) = halves(&linear, &spread, edge.weight);
+            let (angles, lengths) = halves(linear, &spread, edge.weight);
             let (rotation, translation) = degrees_of_freedom(edge.measurement.kind());
             if rotation > 0.0 {
                 scales
