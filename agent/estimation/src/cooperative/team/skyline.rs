@@ -107,17 +107,16 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 
 /// The sums of products of two rows with two others: `a0 b0, a0 b1, a1 b0, a1 b1`.
 fn four_dots(a: [&[f64]; 2], b: [&[f64]; 2]) -> [f64; 4] {
+    let pairs = |row| <[f64]>::as_chunks::<2>(row).0.iter();
+    let rows = pairs(a[0]).zip(pairs(a[1]));
+    let others = pairs(b[0]).zip(pairs(b[1]));
     let mut sums = [[0.0; 2]; 4];
-    let pairs = |row: &'_ [f64]| row.len() / 2;
-    let count = pairs(a[0]);
-    let cut = |row| -> &[[f64; 2]] { &<[f64]>::as_chunks::<2>(row).0[..count] };
-    let (a0, a1, b0, b1) = (cut(a[0]), cut(a[1]), cut(b[0]), cut(b[1]));
-    for at in 0..count {
+    for ((a0, a1), (b0, b1)) in rows.zip(others) {
         for lane in 0..2 {
-            sums[0][lane] += a0[at][lane] * b0[at][lane];
-            sums[1][lane] += a0[at][lane] * b1[at][lane];
-            sums[2][lane] += a1[at][lane] * b0[at][lane];
-            sums[3][lane] += a1[at][lane] * b1[at][lane];
+            sums[0][lane] += a0[lane] * b0[lane];
+            sums[1][lane] += a0[lane] * b1[lane];
+            sums[2][lane] += a1[lane] * b0[lane];
+            sums[3][lane] += a1[lane] * b1[lane];
         }
     }
     sums.map(|lanes| lanes[0] + lanes[1])

@@ -10,7 +10,7 @@ use super::doubt::{Doubt, LYING_NOISE, MISPLACED_BY, Misplaced, OdometryDoubt};
 use super::measured_edge::{Linear, MeasuredEdge, PoseId};
 use super::noise_scales::NoiseScales;
 use super::normal::Sums;
-use super::prior::{Anchor, Prior, Unknown};
+use super::prior::{Anchor, Prior, Unknown, subtract_marginal};
 use super::settings::{
     BiasRange, EDGES_BY_ONE_MAX, EDGES_MAX, LEVER_MAX_M, MEMBERS_MAX, NOISE_MIN, POSES_MAX,
     POSES_OF_ONE_MAX, REACH_M, Settings, UNKNOWN_START, WORN_START_RAD,
@@ -679,7 +679,7 @@ impl Window {
         let gone = gradient.rows(0, lost).into_owned();
         if let Some(inner) = inner.clone().cholesky() {
             beta -= &across * inner.solve(&gone);
-            lambda -= &across * inner.solve(&across.transpose());
+            subtract_marginal(&mut lambda, &inner, &across);
         } else if let Some(inner) = pseudo_inverse(inner) {
             beta -= &across * (&inner * gone);
             lambda -= &across * inner * across.transpose();
