@@ -3,11 +3,11 @@
 //!
 //! Exchanging estimates counts information twice; exchanging what was measured does not. So each vehicle smooths, by
 //! itself, the joint graph of what it heard: a pose of each vehicle at each round of the window and the last pose of
-//! everybody ever heard, with four odometry biases a vehicle. What leaves the window is kept as a [`prior`], linear in a
+//! everybody ever heard, with four odometry biases a vehicle. What leaves the window is kept as a `prior`, linear in a
 //! world twist.
 //!
-//! In reading order: [`settings`], the two factors ([`stretch`] of odometry, [`measured_edge`]), the [`prior`], the
-//! [`window`] that holds them, its normal equations ([`normal`], [`skyline`]), and the round ([`Team::solve`]): what has
+//! In reading order: [`settings`], the two factors (`stretch` of odometry, `measured_edge`), the `prior`, the
+//! `window` that holds them, its normal equations (`normal`, `skyline`), and the round ([`Team::solve`]): what has
 //! left is marginalised, what is new is gated, Gauss-Newton over everything, then the noise scales and the doubts.
 //!
 //! The tangent here is a world twist `T <- exp(xi) T`, `xi = (w, v)`, rotation first, not the SO(3) x R^3 of the star.
