@@ -12,36 +12,8 @@ pub(crate) fn gauss_newton(
     iterations_max: usize,
 ) -> (Vec<Transform<World, Body>>, usize) {
     let mut nodes = graph.nodes().to_vec();
-    let unknowns = 6 * (nodes.len() - 1);
     for iteration in 1..=iterations_max {
-        let mut hessian = DMatrix::zeros(unknowns, unknowns);
-        let mut gradient = DVector::zeros(unknowns);
-        for e in graph.edges() {
-            let (from, to) = (e.from.get(), e.to.get());
-            let (part, _) = e.edge.linearise(&nodes[from], &nodes[to]);
-            let (a, b) = (
-                from.checked_sub(1).map(|a| 6 * a),
-                to.checked_sub(1).map(|b| 6 * b),
-            );
-            if let Some(a) = a {
-                let mut block = hessian.fixed_view_mut::<6, 6>(a, a);
-                block += part.from_from;
-                let mut rows = gradient.fixed_rows_mut::<6>(a);
-                rows += part.from;
-            }
-            if let Some(b) = b {
-                let mut block = hessian.fixed_view_mut::<6, 6>(b, b);
-                block += part.to_to;
-                let mut rows = gradient.fixed_rows_mut::<6>(b);
-                rows += part.to;
-            }
-            if let (Some(a), Some(b)) = (a, b) {
-                let mut block = hessian.fixed_view_mut::<6, 6>(a, b);
-                block += part.from_to;
-                let mut block = hessian.fixed_view_mut::<6, 6>(b, a);
-                block += part.from_to.transpose();
-            }
-        }
+        let (hessian, gradient) = normal_equations(graph, &nodes);
         let step = hessian
             .cholesky()
             .expect("every graph here is determined")
@@ -59,4 +31,41 @@ pub(crate) fn gauss_newton(
         }
     }
     (nodes, iterations_max)
+}
+
+/// The normal equations of a graph at these poses, the reference left out.
+pub(crate) fn normal_equations(
+    graph: &Graph,
+    nodes: &[Transform<World, Body>],
+) -> (DMatrix<f64>, DVector<f64>) {
+    let unknowns = 6 * (nodes.len() - 1);
+    let mut hessian = DMatrix::zeros(unknowns, unknowns);
+    let mut gradient = DVector::zeros(unknowns);
+    for e in graph.edges() {
+        let (from, to) = (e.from.get(), e.to.get());
+        let (part, _) = e.edge.linearise(&nodes[from], &nodes[to]);
+        let (a, b) = (
+            from.checked_sub(1).map(|a| 6 * a),
+            to.checked_sub(1).map(|b| 6 * b),
+        );
+        if let Some(a) = a {
+            let mut block = hessian.fixed_view_mut::<6, 6>(a, a);
+            block += part.from_from;
+            let mut rows = gradient.fixed_rows_mut::<6>(a);
+            rows += part.from;
+        }
+        if let Some(b) = b {
+            let mut block = hessian.fixed_view_mut::<6, 6>(b, b);
+            block += part.to_to;
+            let mut rows = gradient.fixed_rows_mut::<6>(b);
+            rows += part.to;
+        }
+        if let (Some(a), Some(b)) = (a, b) {
+            let mut block = hessian.fixed_view_mut::<6, 6>(a, b);
+            block += part.from_to;
+            let mut block = hessian.fixed_view_mut::<6, 6>(b, a);
+            block += part.from_to.transpose();
+        }
+    }
+    (hessian, gradient)
 }

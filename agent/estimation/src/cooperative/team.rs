@@ -3,11 +3,11 @@
 //!
 //! Exchanging estimates counts information twice; exchanging what was measured does not. So each vehicle smooths, by
 //! itself, the joint graph of what it heard: a pose of each vehicle at each round of the window and the last pose of
-//! everybody ever heard, with four odometry biases a vehicle. What leaves the window is kept as a [`prior`], linear in a
+//! everybody ever heard, with four odometry biases a vehicle. What leaves the window is kept as a `prior`, linear in a
 //! world twist.
 //!
-//! In reading order: [`settings`], the two factors ([`stretch`] of odometry, [`measured_edge`]), the [`prior`], the
-//! [`window`] that holds them, its normal equations ([`normal`], [`skyline`]), and the round ([`Team::solve`]): what has
+//! In reading order: [`settings`], the two factors (`stretch` of odometry, `measured_edge`), the `prior`, the
+//! `window` that holds them, its normal equations (`normal`, `skyline`), and the round ([`Team::solve`]): what has
 //! left is marginalised, what is new is gated, Gauss-Newton over everything, then the noise scales and the doubts.
 //!
 //! The tangent here is a world twist `T <- exp(xi) T`, `xi = (w, v)`, rotation first, not the SO(3) x R^3 of the star.
@@ -320,11 +320,10 @@ impl Team {
             .map(|pose| pose.world_from_body)
             .collect();
         let biases_before = window.biases();
-        window.weigh_edges(
-            &self.scales,
-            self.rounds > window.settings.settling_rounds,
-            true,
-        );
+        let settled = self.rounds > window.settings.settling_rounds;
+        window.linearise_edges(&self.scales);
+        window.weigh_edges(settled, true);
+        self.normal.lay_out(window);
         self.normal
             .assemble(window, &self.scales, |edge| !edge.is_new);
         self.normal.factor()?;
@@ -332,8 +331,10 @@ impl Team {
         let mut iteration = 0;
         let outcome = loop {
             let window = &mut self.window;
-            let settled = self.rounds > window.settings.settling_rounds;
-            window.weigh_edges(&self.scales, settled, iteration == 0);
+            if iteration > 0 {
+                window.linearise_edges(&self.scales);
+            }
+            window.weigh_edges(settled, iteration == 0);
             self.normal.assemble(window, &self.scales, |_| true);
             if let Err(why) = self.normal.factor() {
                 break Err(why);
@@ -362,13 +363,16 @@ impl Team {
     fn gate(&mut self) {
         let window = &mut self.window;
         let mut tested = std::mem::take(&mut window.tested);
+        for edge in &mut tested {
+            edge.linear = window.linearise(edge, &self.scales);
+        }
         let mut edges = std::mem::take(&mut window.edges);
         for edge in edges
             .iter_mut()
             .filter(|edge| edge.is_new)
             .chain(&mut tested)
         {
-            let linear = window.linearise(edge, &self.scales);
+            let linear = &edge.linear;
             let spread = self.normal.covariance_of(window, edge, &linear.twist);
             let innovation = (spread + Matrix6::identity()).cholesky();
             let square = innovation.map_or(f64::INFINITY, |innovation| {
@@ -385,11 +389,12 @@ impl Team {
     /// What is left over: verdicts, noise scales, doubts.
     fn take_stock(&mut self, report: &mut Report) {
         let settled = self.rounds > self.window.settings.settling_rounds;
-        self.window.weigh_edges(&self.scales, settled, false);
+        self.window.linearise_edges(&self.scales);
+        self.window.weigh_edges(settled, false);
         let mut scales = self.scales;
         let window = &self.window;
         for edge in window.edges.iter().filter(|edge| edge.is_new) {
-            let linear = window.linearise(edge, &self.scales);
+            let linear = &edge.linear;
             report.verdicts.push(Verdict {
                 by: edge.by,
                 of: edge.of,

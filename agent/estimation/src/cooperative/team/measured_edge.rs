@@ -27,12 +27,15 @@ pub(super) struct MeasuredEdge {
     /// Whether it came in this round.
     pub(super) is_new: bool,
     pub(super) failed_gate: bool,
+    /// At the last poses.
+    pub(super) linear: Linear,
     /// By its kernel, at the last linearisation.
     pub(super) weight: f64,
 }
 
 /// A linearised edge, whitened: `r + J (xi_to - xi_from)` of unit variance. Angles are in the first three rows, lengths
 /// in the last three; rows that the kind has not are zero.
+#[derive(Clone, Debug, Default)]
 pub(super) struct Linear {
     pub(super) residual: Vector6<f64>,
     pub(super) twist: Matrix6<f64>,

@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{DMatrix, Matrix6, SMatrix, SVector, Vector4, Vector6};
+use nalgebra::{Matrix6, SMatrix, SVector, Vector4, Vector6};
 
 use super::left_over;
-use super::measured_edge::MeasuredEdge;
+use super::measured_edge::{Linear, MeasuredEdge};
 use super::noise_scales::NoiseScales;
 use super::prior::{Anchor, Unknown};
 use super::skyline::{Factor, Skyline};
@@ -27,15 +27,23 @@ pub(super) struct Normal {
     gradient: Vec<f64>,
     factor: Factor,
     first: Vec<usize>,
+    /// Every vehicle's poses that follow each other, as indices.
+    stretches: Vec<(usize, usize)>,
     /// Where the biases' rows begin; those of a pose do at six times its index.
     biases: BTreeMap<VehicleId, usize>,
     /// Right sides of covariances, six at a time.
-    columns: Vec<f64>,
+    columns: Vec<[f64; 6]>,
 }
 
 /// Where factors add their part: the lower half of a matrix, and a gradient.
 pub(super) trait Sums {
     fn add(&mut self, row: usize, column: usize, value: f64);
+    /// The same for entries of a row that follow each other.
+    fn add_row(&mut self, row: usize, column: usize, values: &[f64]) {
+        for (at, value) in values.iter().enumerate() {
+            self.add(row, column + at, *value);
+        }
+    }
     fn add_gradient(&mut self, row: usize, value: f64);
 
     /// A block, or its transpose where that lies in the lower half; of a block on the diagonal the lower half.
@@ -45,17 +53,14 @@ pub(super) trait Sums {
         column: usize,
         block: &SMatrix<f64, R, C>,
     ) {
-        for r in 0..R {
-            for c in 0..C {
-                let (r_at, c_at) = (row + r, column + c);
-                if row == column && c > r {
-                    continue;
-                }
-                if r_at >= c_at {
-                    self.add(r_at, c_at, block[(r, c)]);
-                } else {
-                    self.add(c_at, r_at, block[(r, c)]);
-                }
+        if row >= column {
+            for (r, values) in block.transpose().data.0.iter().enumerate() {
+                let wanted = if row == column { r + 1 } else { C };
+                self.add_row(row + r, column, &values[..wanted]);
+            }
+        } else {
+            for (c, values) in block.data.0.iter().enumerate() {
+                self.add_row(column + c, row, values);
             }
         }
     }
@@ -133,17 +138,10 @@ pub(super) trait Sums {
     }
 
     /// A measurement by its weight.
-    fn edge(
-        &mut self,
-        window: &Window,
-        edge: &MeasuredEdge,
-        scales: &NoiseScales,
-        offset: impl Fn(Unknown) -> usize,
-    ) {
+    fn edge(&mut self, edge: &MeasuredEdge, linear: &Linear, offset: impl Fn(Unknown) -> usize) {
         if edge.weight <= 0.0 {
             return;
         }
-        let linear = window.linearise(edge, scales);
         let square: Matrix6<f64> = linear.twist.transpose() * linear.twist * edge.weight;
         let part: Vector6<f64> = linear.twist.transpose() * linear.residual * edge.weight;
         let to = offset(Unknown::Pose(edge.to));
@@ -169,6 +167,10 @@ impl Sums for Sparse<'_> {
         self.matrix.add(row, column, value);
     }
 
+    fn add_row(&mut self, row: usize, column: usize, values: &[f64]) {
+        self.matrix.add_row(row, column, values);
+    }
+
     fn add_gradient(&mut self, row: usize, value: f64) {
         self.gradient[row] += value;
     }
@@ -182,8 +184,6 @@ impl Normal {
         scales: &NoiseScales,
         is_used: impl Fn(&MeasuredEdge) -> bool,
     ) {
-        let stretches = window.stretches();
-        self.lay_out(window, &stretches);
         self.matrix.reset(&self.first);
         self.gradient.clear();
         self.gradient.resize(self.first.len(), 0.0);
@@ -194,16 +194,17 @@ impl Normal {
             gradient: &mut self.gradient,
         };
         sums.prior(window, offset);
-        for pair in stretches {
-            sums.stretch(window, pair, scales, offset);
+        for pair in &self.stretches {
+            sums.stretch(window, *pair, scales, offset);
         }
         for edge in window.edges.iter().filter(|edge| is_used(edge)) {
-            sums.edge(window, edge, scales, offset);
+            sums.edge(edge, &edge.linear, offset);
         }
     }
 
-    /// Says where each unknown's rows are and where they begin to have something.
-    fn lay_out(&mut self, window: &Window, stretches: &[(usize, usize)]) {
+    /// Says where each unknown's rows are and where they begin to have something: once a round.
+    pub(super) fn lay_out(&mut self, window: &Window) {
+        self.stretches = window.stretches();
         self.biases.clear();
         let mut size = 6 * window.poses.len();
         for vehicle in window.members.keys() {
@@ -234,7 +235,7 @@ impl Normal {
                 reach(anchor.unknown(), least);
             }
         }
-        for (a, b) in stretches {
+        for (a, b) in &self.stretches {
             let least = 6 * a.min(b);
             reach(Unknown::Pose(window.poses[*a].id), least);
             reach(Unknown::Pose(window.poses[*b].id), least);
@@ -252,7 +253,7 @@ impl Normal {
     }
 
     pub(super) fn factor(&mut self) -> Result<(), NotDetermined> {
-        self.factor.of(&self.matrix).map_err(|_| NotDetermined)
+        self.factor.of(&mut self.matrix).map_err(|_| NotDetermined)
     }
 
     /// Takes the Gauss-Newton step; gives its largest component.
@@ -310,43 +311,48 @@ impl Normal {
         twist: &Matrix6<f64>,
         biases: Option<(usize, &SMatrix<f64, 6, BIASES>)>,
     ) -> Matrix6<f64> {
-        let size = self.first.len();
         let begin = 6 * from.map_or(to, |from| from.min(to));
         self.columns.clear();
-        self.columns.resize(6 * size, 0.0);
-        for (row, column) in self.columns.chunks_exact_mut(size).enumerate() {
+        self.columns.resize(self.first.len(), [0.0; 6]);
+        for row in 0..6 {
             for axis in 0..6 {
-                column[6 * to + axis] += twist[(row, axis)];
+                self.columns[6 * to + axis][row] += twist[(row, axis)];
                 if let Some(from) = from {
-                    column[6 * from + axis] -= twist[(row, axis)];
+                    self.columns[6 * from + axis][row] -= twist[(row, axis)];
                 }
             }
             if let Some((at, jacobian)) = biases {
                 for axis in 0..BIASES {
-                    column[at + axis] += jacobian[(row, axis)];
+                    self.columns[at + axis][row] += jacobian[(row, axis)];
                 }
             }
-            if column[begin..].iter().any(|value| *value != 0.0) {
-                self.factor.forward(column, begin);
+        }
+        self.factor.forward_all(&mut self.columns, begin);
+        let mut product = [[0.0; 6]; 6];
+        for solved in &self.columns[begin..] {
+            for (sums, left) in product.iter_mut().zip(solved) {
+                for (sum, right) in sums.iter_mut().zip(solved) {
+                    *sum += left * right;
+                }
             }
         }
-        let columns = DMatrix::from_column_slice(size, 6, &self.columns);
-        let product = columns.tr_mul(&columns);
-        Matrix6::from_column_slice(product.as_slice())
+        Matrix6::from(product)
     }
 
     /// The variances of everybody's biases.
-    pub(super) fn bias_variances(&mut self) -> BTreeMap<VehicleId, Vector4<f64>> {
-        let size = self.first.len();
+    pub(super) fn bias_variances(&self) -> BTreeMap<VehicleId, Vector4<f64>> {
         let mut variances = BTreeMap::new();
         for (vehicle, begin) in &self.biases {
-            let mut variance = Vector4::zeros();
+            let mut columns = vec![[0.0; BIASES]; self.first.len()];
             for axis in 0..BIASES {
-                self.columns.clear();
-                self.columns.resize(size, 0.0);
-                self.columns[begin + axis] = 1.0;
-                self.factor.forward(&mut self.columns, begin + axis);
-                variance[axis] = self.columns.iter().map(|value| value * value).sum();
+                columns[begin + axis][axis] = 1.0;
+            }
+            self.factor.forward_all(&mut columns, *begin);
+            let mut variance = Vector4::zeros();
+            for solved in &columns[*begin..] {
+                for axis in 0..BIASES {
+                    variance[axis] += solved[axis] * solved[axis];
+                }
             }
             variances.insert(*vehicle, variance);
         }
@@ -362,7 +368,8 @@ impl Normal {
         noted: &mut NoiseScales,
     ) -> Vec<(VehicleId, f64, f64)> {
         let mut judged = Vec::new();
-        for pair in window.stretches() {
+        for at in 0..self.stretches.len() {
+            let pair = self.stretches[at];
             if !window.poses[pair.1].is_new {
                 continue;
             }

@@ -2,7 +2,7 @@
 //! `e = Log(T T*^-1)` with Jacobian one on purpose. Exact Jacobians would leak what is known of relative poses into the
 //! common motion of the team, which nothing but absolute fixes observes.
 
-use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector4};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix6, Vector3, Vector4};
 
 use super::measured_edge::PoseId;
 use super::stretch::{BIASES, adjoint_of_shift};
@@ -176,8 +176,7 @@ impl Prior {
         };
         let beta = DVector::from_iterator(rows.len(), rows.iter().map(|row| self.beta[*row]));
         self.beta -= &picked * inner.solve(&beta);
-        let solved = inner.solve(&picked.transpose());
-        self.lambda -= picked * solved;
+        subtract_marginal(&mut self.lambda, &inner, &picked);
         self.symmetrise();
     }
 
@@ -213,6 +212,17 @@ impl Prior {
             }
         }
     }
+}
+
+/// `Lambda - A H^-1 A^T`, by half of the solve: `A L^-T L^-1 A^T`.
+pub(super) fn subtract_marginal(
+    lambda: &mut DMatrix<f64>,
+    inner: &Cholesky<f64, Dyn>,
+    across: &DMatrix<f64>,
+) {
+    let mut half = across.transpose();
+    inner.l_dirty().solve_lower_triangular_mut(&mut half);
+    lambda.gemm_tr(-1.0, &half, &half, 1.0);
 }
 
 /// That of a world twist of a pose which is known so well in its own axes: `Ad(T)^-T diag Ad(T)^-1`.

@@ -303,7 +303,6 @@ fn least_squares(lag: u32) -> Settings {
         start: 1e-9,
         room: 1e-9,
         held: 1e-9,
-        known: 0.0,
         walk: 0.0,
     };
     let mut settings = Settings::DEFAULT;

@@ -10,7 +10,7 @@ use super::doubt::{Doubt, LYING_NOISE, MISPLACED_BY, Misplaced, OdometryDoubt};
 use super::measured_edge::{Linear, MeasuredEdge, PoseId};
 use super::noise_scales::NoiseScales;
 use super::normal::Sums;
-use super::prior::{Anchor, Prior, Unknown};
+use super::prior::{Anchor, Prior, Unknown, subtract_marginal};
 use super::settings::{
     BiasRange, EDGES_BY_ONE_MAX, EDGES_MAX, LEVER_MAX_M, MEMBERS_MAX, NOISE_MIN, POSES_MAX,
     POSES_OF_ONE_MAX, REACH_M, Settings, UNKNOWN_START, WORN_START_RAD,
@@ -451,6 +451,7 @@ impl Window {
             of,
             is_new: true,
             failed_gate: false,
+            linear: Linear::default(),
             weight: 0.0,
         }
     }
@@ -662,7 +663,8 @@ impl Window {
             .iter()
             .filter(|edge| touches(edge) && !edge.is_new)
         {
-            sums.edge(self, edge, scales, offset);
+            // Anew: the frame and the noise scales have moved since the last round.
+            sums.edge(edge, &self.linearise(edge, scales), offset);
         }
         self.edges.retain(|edge| !touches(edge));
         self.tested.retain(|edge| !touches(edge));
@@ -677,7 +679,7 @@ impl Window {
         let gone = gradient.rows(0, lost).into_owned();
         if let Some(inner) = inner.clone().cholesky() {
             beta -= &across * inner.solve(&gone);
-            lambda -= &across * inner.solve(&across.transpose());
+            subtract_marginal(&mut lambda, &inner, &across);
         } else if let Some(inner) = pseudo_inverse(inner) {
             beta -= &across * (&inner * gone);
             lambda -= &across * inner * across.transpose();
@@ -820,13 +822,21 @@ impl Window {
         )
     }
 
-    /// Weighs every measurement by its residual: Cauchy, for those that failed the gate its square, and nothing at all in
-    /// a round's first iteration, when the estimate may still be where they want it.
-    pub(super) fn weigh_edges(&mut self, scales: &NoiseScales, settled: bool, is_first: bool) {
+    /// Linearises every measurement at the present poses.
+    pub(super) fn linearise_edges(&mut self, scales: &NoiseScales) {
         let mut edges = std::mem::take(&mut self.edges);
         for edge in &mut edges {
-            let square = self.linearise(edge, scales).square();
-            let weight = self.settings.cauchy / (self.settings.cauchy + square);
+            edge.linear = self.linearise(edge, scales);
+        }
+        self.edges = edges;
+    }
+
+    /// Weighs every measurement by its residual: Cauchy, for those that failed the gate its square, and nothing at all in
+    /// a round's first iteration, when the estimate may still be where they want it.
+    pub(super) fn weigh_edges(&mut self, settled: bool, is_first: bool) {
+        let cauchy = self.settings.cauchy;
+        for edge in &mut self.edges {
+            let weight = cauchy / (cauchy + edge.linear.square());
             edge.weight = match (edge.failed_gate, is_first && edge.is_new, settled) {
                 _ if !weight.is_finite() => 0.0,
                 (true, true, _) => 0.0,
@@ -834,7 +844,6 @@ impl Window {
                 _ => weight,
             };
         }
-        self.edges = edges;
     }
 
     /// The round is over: nothing is new any more, and the nearest are chosen for the next.

@@ -39,7 +39,7 @@ fn met_by_a_common_twist(window: &Window) -> (f64, f64) {
         sums.stretch(window, pair, &scales, offset);
     }
     for edge in &window.edges {
-        sums.edge(window, edge, &scales, offset);
+        sums.edge(edge, &window.linearise(edge, &scales), offset);
     }
     let mut hessian = sums.hessian;
     hessian.fill_upper_triangle_with_lower_triangle();
@@ -98,7 +98,8 @@ fn a_twist_of_everybody_meets_nothing_before_and_after_marginalising() {
     for round in 0..8 {
         flight.hear(&mut team, round);
         let window = &mut team.window;
-        window.weigh_edges(&team.scales, true, false);
+        window.linearise_edges(&team.scales);
+        window.weigh_edges(true, false);
         window.end_round();
         let (met, size) = met_by_a_common_twist(window);
         assert!(met < 1e-10 * size, "round {round}: {met} of {size}");
@@ -127,7 +128,8 @@ fn whoever_goes_and_was_never_located_tells_nothing_of_who_measured_it() {
         .view_mut((0, 0), (6, 6))
         .copy_from(&known);
     flight.hear(&mut team, 0);
-    team.window.weigh_edges(&team.scales, true, false);
+    team.window.linearise_edges(&team.scales);
+    team.window.weigh_edges(true, false);
     team.window.end_round();
     team.forget(id(1));
     assert_eq!(team.window.poses.len(), 1);

@@ -134,7 +134,9 @@ fn odometry_that_lies_is_believed_no_more_and_its_vehicle_is_still_found() {
     let error = flight.own_error_m(&team, 139);
     assert!(error < 0.3, "{error} m");
     let (_, found) = team.world_from(id(2)).unwrap();
-    assert!(apart(&found, &flight.truth[139][2]) < 0.4);
+    let error = apart(&found, &flight.truth[139][2]);
+    // Nobody may have measured it since its last slip, which is 0.4 m along each axis.
+    assert!(error < 0.4 * 3.0_f64.sqrt(), "{error} m");
 }
 
 #[test]

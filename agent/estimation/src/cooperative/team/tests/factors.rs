@@ -2,7 +2,7 @@
 
 use nalgebra::{Vector4, Vector6};
 
-use super::super::measured_edge::{MeasuredEdge, PoseId};
+use super::super::measured_edge::{Linear, MeasuredEdge, PoseId};
 use super::super::noise_scales::ScalePair;
 use super::super::stretch::Stretch;
 use super::*;
@@ -27,6 +27,7 @@ fn edge(observation: &Observation, from: Option<PoseId>) -> MeasuredEdge {
         of: id(1),
         is_new: true,
         failed_gate: false,
+        linear: Linear::default(),
         weight: 1.0,
     }
 }

@@ -209,9 +209,9 @@ fn the_noise_scales_find_what_was_understated_and_believe_the_rest() {
         sighting.observation.noise.translation *= 0.5;
     }
     let stated_half = found(&flight);
-    // The kernel weighs everything a little less, and the scales make up for it: two becomes 1.9.
+    // The kernel weighs everything a little less, and the scales make up for it: two becomes 1.7.
     let scales = &stated_half.measurement;
-    assert!((scales.translation() - 1.9).abs() < 0.15, "{scales:?}");
+    assert!((1.6..2.0).contains(&scales.translation()), "{scales:?}");
     assert!((scales.rotation() - 1.0).abs() < 0.05, "{scales:?}");
     assert!(stated_well.measurement.translation() < 1.1);
     for sighting in flight.sightings.iter_mut().flatten() {

@@ -34,7 +34,7 @@ fn batch(flight: &Flight) -> Vec<Pose> {
         graph.add_edge(NodeIndex::REFERENCE, *node, edge).unwrap();
     }
     for round in 1..nodes.len() {
-        for vehicle in 0..nodes[0].len() {
+        for (vehicle, node) in nodes[round].iter().enumerate() {
             let point = |round: usize| &flight.moments[round][vehicle].point;
             let (earlier, later) = (point(round - 1), point(round));
             let step = earlier.odometry_from_body.inverse() * later.odometry_from_body;
@@ -46,7 +46,7 @@ fn batch(flight: &Flight) -> Vec<Pose> {
             graph
                 .add_edge(
                     nodes[round - 1][vehicle],
-                    nodes[round][vehicle],
+                    *node,
                     pose_edge(step.reframe(), information),
                 )
                 .unwrap();
