@@ -543,6 +543,23 @@ mod tests {
     }
 
     #[test]
+    fn a_banded_curve_has_its_band_and_what_has_no_logarithm_is_refused() {
+        let curve = |values: &[f64]| [("NEES".to_owned(), values.to_vec())];
+        let svg = banded("t", &curve(&[0.5, 1.0, 2.0]), (0.8, 1.2)).unwrap();
+        assert!(svg.contains("#E1E1E1"), "the band is grey");
+        assert!(banded("t", &curve(&[0.5, 0.0]), (0.8, 1.2)).is_err());
+        assert!(banded("t", &curve(&[f64::NAN]), (0.8, 1.2)).is_err());
+    }
+
+    #[test]
+    fn stacked_drawings_are_as_high_as_all_of_them() {
+        let one = |width, height| format!("<svg width=\"{width}\" height=\"{height}\"></svg>");
+        let svg = stacked(&[one(40, 10), one(30, 20)]);
+        assert!(svg.starts_with("<svg width=\"40\" height=\"30\""), "{svg}");
+        assert!(svg.contains("<svg y=\"10\" width=\"30\""), "{svg}");
+    }
+
+    #[test]
     fn error_curves_have_two_panels_and_a_line_for_every_method_in_each() {
         let curves = [
             curve("dead reckoning", 0.035),
