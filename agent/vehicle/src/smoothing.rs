@@ -344,10 +344,8 @@ impl Smoothing {
                 let moment = teller.moment(*instant, round);
                 match self.team.heard(&moment) {
                     Err(Unused::Interrupted) => self.team.forget(teller.id),
-                    Err(Unused::Unlocated) => {
-                        if self.start(teller, &moment) {
-                            let _ = self.team.heard(&moment);
-                        }
+                    Err(Unused::Unlocated) if self.start(teller, &moment) => {
+                        let _ = self.team.heard(&moment);
                     }
                     _ => {}
                 }
