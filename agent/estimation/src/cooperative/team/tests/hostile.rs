@@ -382,7 +382,7 @@ fn ends_that_coincide_and_half_turns_stay_finite() {
     };
     let half_turn = so3::exp(&Vector3::new(0.0, 0.0, PI));
     let mut team = flight.team(Settings::DEFAULT);
-    for round in 1..10 {
+    for round in 0..10 {
         let moments = &flight.moments[round];
         for measurement in [
             Measurement::bearing(Vector3::x()).unwrap(),
