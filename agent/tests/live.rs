@@ -15,7 +15,7 @@ use skein_proto::faults::Faults;
 use skein_proto::frame::{Frame, OdometryFrame, RelativeFrame, RelativeValue};
 use skein_proto::keys::Key;
 use skein_proto::status::Status;
-use skein_vehicle::Start;
+use skein_vehicle::{Start, ToldPose};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};

@@ -68,6 +68,11 @@ fn the_commands_for_a_test_bed_and_for_research_work() {
                 assert!(text.contains("asked of the default mode"), "{text}");
                 assert!(folder.join("out/modes/modes.svg").exists());
             }
+            "experiment" if words[1] == "consistency" => {
+                let few = ["--samples", "2", "--rounds", "20", "--cell", "pose-3"];
+                let text = run(&command, &few, &folder);
+                assert!(text.contains("pose-3"), "{text}");
+            }
             "experiment" => {
                 let plain = command.replace("--samples 100 ", "");
                 let text = run(&plain, &["--samples", "4"], &folder);

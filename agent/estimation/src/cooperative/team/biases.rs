@@ -13,6 +13,8 @@ pub(super) struct Biases {
     pub(super) value: Vector4<f64>,
     gyro: Expected,
     scale: Expected,
+    /// Bearings and orientations alone would only take the scale for what it is not.
+    has_met_a_length: bool,
 }
 
 /// Where a bias is expected.
@@ -50,6 +52,7 @@ impl Biases {
             value: Vector4::zeros(),
             gyro: Expected::at_start(&noise.gyro),
             scale: Expected::at_start(&noise.scale),
+            has_met_a_length: false,
         }
     }
 
@@ -68,6 +71,19 @@ impl Biases {
             gyro: judge(&mut self.gyro, &noise.gyro, 0..3),
             scale: judge(&mut self.scale, &noise.scale, 3..4),
         }
+    }
+}
+
+impl Biases {
+    /// Something measured lengths: the scale gets room, once. True when it is now.
+    pub(super) fn meet_a_length(&mut self) -> bool {
+        let first = !self.has_met_a_length;
+        if first {
+            self.has_met_a_length = true;
+            self.scale.variance = None;
+            self.scale.rounds = 0;
+        }
+        first
     }
 }
 
@@ -139,6 +155,7 @@ mod tests {
     #[test]
     fn a_scale_is_held_at_none_as_soon_as_the_measurements_show_none() {
         let mut biases = Biases::new(&NOISE);
+        assert!(biases.meet_a_length() && !biases.meet_a_length());
         biases.value[3] = 0.001;
         assert_eq!(
             judge(&mut biases, 0.011).scale,

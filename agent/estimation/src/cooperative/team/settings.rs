@@ -60,8 +60,8 @@ impl Lag {
 /// How far odometry may be off in the same way all the time, and how that changes.
 ///
 /// Room for a bias is not free: with millimetre odometry a scale unknown by one in a thousand costs section V 4 % of its
-/// accuracy, by 3 % it costs 8 %. So a bias is narrow where it can be: a scale begins wide and is held at none as soon as
-/// the measurements show none (to learn that late costs nothing, as the prior knows what it did to the poses), a
+/// accuracy, by 3 % it costs 8 %. So a bias is narrow where it can be: a scale begins narrow, gets
+/// room with the first measurement that has a length in it, and is held at none as soon as the measurements show none (to learn that late costs nothing, as the prior knows what it did to the poses), a
 /// gyroscope begins narrow, and either gets room when it leaves the range in which it was expected.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BiasNoise {
@@ -102,7 +102,7 @@ impl Settings {
             few: 20,
             many: 1,
         },
-        nearest: 6,
+        nearest: 19,
         gate: 100.0,
         cauchy: 20.0,
         settling_rounds: 30,
@@ -116,7 +116,7 @@ impl Settings {
                 walk: 2e-5 / (Self::PERIOD_S * Self::ROOT_PERIOD),
             },
             scale: BiasRange {
-                start: 0.03,
+                start: 3e-4,
                 room: 0.03,
                 held: 3e-4,
                 walk: 3e-5 / Self::ROOT_PERIOD,

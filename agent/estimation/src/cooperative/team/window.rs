@@ -390,8 +390,23 @@ impl Window {
         if measurement.kind() == Kind::Distance {
             self.distance_rounds = DISTANCE_ROUNDS;
         }
+        if has_a_length(measurement.kind()) {
+            self.give_scales_room(&[from.vehicle, to.vehicle]);
+        }
         self.edges.push(edge);
         Ok(())
+    }
+
+    /// The scales of vehicles between which a length was measured get room, each once.
+    fn give_scales_room(&mut self, vehicles: &[VehicleId]) {
+        let room = self.settings.bias.scale.room;
+        for vehicle in vehicles {
+            let member = self.members.get_mut(vehicle);
+            if member.is_some_and(|member| member.biases.meet_a_length()) {
+                self.prior
+                    .wander(0.0, room * room, |other| other == *vehicle);
+            }
+        }
     }
 
     pub(super) fn fixed(
@@ -916,6 +931,11 @@ fn is_usable(observation: &Observation) -> bool {
     observation.noise.check(kind).is_ok()
         && observation.from_end.is_valid()
         && is_lever(&observation.to_end)
+}
+
+/// Whether a kind tells lengths, without which an odometer's scale cannot be told from none.
+const fn has_a_length(kind: Kind) -> bool {
+    matches!(kind, Kind::Pose | Kind::Position | Kind::Distance)
 }
 
 /// Dense sums, for what is marginalised.

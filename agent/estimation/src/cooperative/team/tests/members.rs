@@ -119,7 +119,11 @@ fn the_window_does_not_grow_while_this_vehicle_is_not_located() {
 #[test]
 fn only_the_nearest_are_measured_and_a_newcomer_is_located_all_the_same() {
     let flight = Flight::fly(SEED, &Conditions::good(10, 8));
-    let mut team = Team::new(id(0), PERIOD, Settings::DEFAULT);
+    let few = Settings {
+        nearest: 6,
+        ..Settings::DEFAULT
+    };
+    let mut team = Team::new(id(0), PERIOD, few);
     for vehicle in 0..9 {
         let (moment, truth) = (&flight.moments[0][vehicle], &flight.truth[0][vehicle]);
         team.start(moment, moment, truth, 1e-4, 1e-4).unwrap();
