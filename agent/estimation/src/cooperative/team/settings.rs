@@ -122,7 +122,7 @@ impl Settings {
                 walk: 3e-5 / Self::ROOT_PERIOD,
             },
             room_beyond: 3.0,
-            none_beyond: 3.0,
+            none_beyond: 5.0,
         },
         odometry_floor: (1e-4, 1e-4),
     };
