@@ -11,7 +11,7 @@ use skein_simworld::fleet::{Fleet, LoggedValue};
 use skein_simworld::scenario::Scenario;
 use skein_simworld::truth::Pose;
 use skein_simworld::world::{nanos, transform};
-use skein_tests::stories::{built_in, neighbour, status};
+use skein_tests::stories::{built_in, status};
 use skein_vehicle::{Config, Input, Output, PacketKey, Start};
 
 const SAMPLES: u64 = 8;
@@ -188,6 +188,7 @@ fn forged_and_replayed_records_change_not_a_bit() {
         for round in 0..60 {
             fleet.run_until(round * 200_000_000);
             let log = fleet.take_log();
+            fleet.log();
             let heard = log.iter().find_map(|entry| match &entry.what {
                 LoggedValue::Input(Input::Packet { key, bytes })
                     if entry.vehicle == 0 && matches!(key, PacketKey::Odometry { .. }) =>
@@ -214,7 +215,9 @@ fn forged_and_replayed_records_change_not_a_bit() {
         }
         fleet.run_until(nanos(13.0));
         published.extend(estimates(&mut fleet, 0));
-        let refused: u64 = neighbour(&fleet, 0, "v2").refused.values().sum();
+        let health = fleet.health(0).unwrap();
+        let neighbours = health.neighbours.values();
+        let refused: u64 = neighbours.flat_map(|other| other.refused.values()).sum();
         (published, refused)
     };
     let ((alone, _), (beset, refused)) = (fly(false), fly(true));
