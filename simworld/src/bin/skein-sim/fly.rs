@@ -1,6 +1,7 @@
 //! `skein-sim fly`: a scenario live over Zenoh, with agents in this process or in others.
 
 use crate::air::Air;
+use crate::mode_name::ModeName;
 use crate::output::{print, print_json};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -62,6 +63,9 @@ pub(crate) struct FlyArguments {
     /// Which sample of the scenario's random streams to fly.
     #[arg(long, default_value_t = 0)]
     sample: u64,
+    /// How the agents weigh their rounds.
+    #[arg(long, value_enum, default_value_t = ModeName::Star)]
+    mode: ModeName,
     /// Leave the sensor mounts out of the agents' configuration, to see what that costs.
     #[arg(long)]
     without_mounts: bool,
@@ -369,6 +373,7 @@ fn start_agents(
         let connect = agents.iter().flat_map(Agent::locators).collect();
         let mut config = world.config(vehicle, new_boot());
         config.estimate_spacing = Span::millis(20);
+        config.mode = arguments.mode.mode();
         if arguments.without_mounts {
             for sensor in &mut config.sensors {
                 sensor.body_from_sensor = skein_estimation::Transform::identity();

@@ -43,7 +43,7 @@ pub(crate) struct MrclamArguments {
     /// Stop after so many recorded seconds.
     #[arg(long)]
     duration: Option<f64>,
-    /// How rounds are weighed: `star` (robust, the default) or `paper`.
+    /// How rounds are weighed: `star` (robust, the default), `team` (everybody together) or `paper`.
     #[arg(long, value_enum, default_value_t = ModeName::Star)]
     mode: ModeName,
     /// Drop which robot each reading is of, and lay it to the nearest by the published estimates; with --virtual.
