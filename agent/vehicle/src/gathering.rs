@@ -20,9 +20,9 @@ use crate::trust::{Mark, Trust};
 
 /// A reading so near to an instant is taken for one at it: no odometry is needed, and a clock offset's jitter moves
 /// nothing (at 10 m/s by 2 mm).
-const AT_THE_INSTANT: Span = Span::micros(200);
+pub(crate) const AT_THE_INSTANT: Span = Span::micros(200);
 /// Acceleration for which the error of interpolated odometry is allowed for, |a| P^2 / 8.
-const INTERPOLATED_ACCELERATION_M_S2: f64 = 1.0;
+pub(crate) const INTERPOLATED_ACCELERATION_M_S2: f64 = 1.0;
 
 /// What a round is gathered from.
 pub(crate) struct Material<'a, 'r> {

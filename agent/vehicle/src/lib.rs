@@ -7,7 +7,8 @@
 //! 3. `dead_reckoning` adds odometry up; `rounds` keeps measurements until their round and brings them into the body
 //!    frame of its instant; `speaking` tells the neighbours.
 //! 4. When everybody has answered, or the round's time is up, `local_star` puts the round together for
-//!    `skein_estimation::cooperative`, whose solution becomes the new correction of the odometry.
+//!    `skein_estimation::cooperative`, or in mode `team` `smoothing` what everybody told of itself; the solution becomes
+//!    the new correction of the odometry.
 //! 5. `reporting` writes the estimate and the health; [`Vehicle::poll`] hands everything out ([`output`]).
 //!
 //! The drain rule: after every `handle`, call `poll` until it returns [`Output::WakeAt`]; call `handle` again with the
@@ -57,6 +58,7 @@ mod rounds;
 mod sensors;
 mod sequence;
 mod smoothing;
+mod solving;
 mod speaking;
 mod translate;
 mod trust;

@@ -129,7 +129,7 @@ impl Vehicle {
             let why = "the team estimator had to begin again: it is settling (its health counts restarts)";
             return (Status::Degraded, Some(why.to_owned()));
         }
-        match smoothing.to_document().rotation_sigma_rad {
+        match smoothing.rotation_sigma_rad() {
             Some(sigma_rad) if sigma_rad > CONSISTENT_BELOW_RAD => {
                 let why = format!(
                     "the orientation is known to {:.0} degrees only, beyond which the stated covariance may be too small: a \

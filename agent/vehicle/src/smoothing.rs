@@ -16,6 +16,7 @@ use skein_proto::record::Addressed;
 
 use crate::clock::PeerStamp;
 use crate::dead_reckoning::{DeadReckoning, motion};
+use crate::gathering::{AT_THE_INSTANT, INTERPOLATED_ACCELERATION_M_S2};
 use crate::heard_rounds::{HeardAnchor, HeardRound};
 use crate::neighbours::{Boot, Neighbours};
 use crate::refused::Refused;
@@ -28,10 +29,6 @@ const ROUNDS_BACK_MAX: i64 = 60;
 const ROUND_SHARE_MIN: f64 = 0.4;
 /// A measurement is tied to a pose of the measured vehicle no farther away in time than this share of our period.
 const ROUND_SHARE_MAX: f64 = 0.6;
-/// As in `gathering.rs`: a reading so near to an instant is taken for one at it.
-const AT_THE_INSTANT: Span = Span::micros(200);
-/// Acceleration for which the error of interpolated odometry is allowed for.
-const INTERPOLATED_ACCELERATION_M_S2: f64 = 1.0;
 /// Rounds in a row that could not be solved, after which the estimator begins again.
 const UNDETERMINED_MAX: u32 = 5;
 
@@ -504,15 +501,21 @@ impl Smoothing {
         self.team.fixed(at, nth, &observation).map_err(NoEnds::of)
     }
 
+    /// How uncertain the own orientation is (rad): root of the sum of its variances about the three axes.
+    pub(crate) fn rotation_sigma_rad(&self) -> Option<f64> {
+        self.sigma(0)
+    }
+
+    /// The root of the sum of three variances of the own pose, from a row on.
+    fn sigma(&self, from: usize) -> Option<f64> {
+        let covariance = &self.team.own()?.covariance;
+        let sum: f64 = (from..from + 3).map(|axis| covariance[(axis, axis)]).sum();
+        Some(sum.sqrt()).filter(|sigma| sigma.is_finite())
+    }
+
     /// What the health says of the estimator.
     pub(crate) fn to_document(&self) -> TeamHealth {
         let (scales, counted) = (self.team.scales(), self.team.statistics());
-        let own = self.team.own();
-        let sigma = |from: usize| {
-            let covariance = own.map(|own| own.covariance)?;
-            let sum: f64 = (from..from + 3).map(|axis| covariance[(axis, axis)]).sum();
-            Some(sum.sqrt()).filter(|sigma| sigma.is_finite())
-        };
         TeamHealth {
             noise_scales: NoiseScales {
                 odometry_rotation: scales.odometry.rotation(),
@@ -536,8 +539,8 @@ impl Smoothing {
             left_out: counted.left_out,
             evicted: counted.evicted,
             restarts: self.restarts,
-            position_sigma_m: sigma(3),
-            rotation_sigma_rad: sigma(0),
+            position_sigma_m: self.sigma(3),
+            rotation_sigma_rad: self.rotation_sigma_rad(),
         }
     }
 

@@ -7,7 +7,7 @@
 //! world twist.
 //!
 //! In reading order: [`settings`], the two factors (`stretch` of odometry, `measured_edge`), the `prior`, the
-//! `window` that holds them, its normal equations (`normal`, `skyline`), and the round ([`Team::solve`]): what has
+//! `window` that holds them, what leaves it (`marginalising`), its normal equations (`normal`, `skyline`), and the round ([`Team::solve`]): what has
 //! left is marginalised, what is new is gated, Gauss-Newton over everything, then the noise scales and the doubts.
 //!
 //! The tangent here is a world twist `T <- exp(xi) T`, `xi = (w, v)`, rotation first, not the SO(3) x R^3 of the star.
@@ -16,6 +16,7 @@ pub mod settings;
 
 mod biases;
 mod doubt;
+mod marginalising;
 mod measured_edge;
 mod noise_scales;
 mod normal;
@@ -31,7 +32,7 @@ use self::doubt::{Place, Remedy};
 use self::measured_edge::{MeasuredEdge, degrees_of_freedom};
 use self::normal::{Normal, NotDetermined};
 use self::window::Window;
-use super::measurement::{Kind, Measurement, Noise};
+use super::measurement::{Measurement, Noise};
 use crate::odometry::OdometryPoint;
 use crate::time::{Span, Stamp};
 use crate::{Body, Sensor, Transform, VehicleId, World, se3};
@@ -427,6 +428,14 @@ impl Team {
 
     /// Updates doubts: odometry first, as a vehicle whose odometry lies looks like one whose measurements do.
     fn doubt(&mut self, odometry: &[(VehicleId, f64, f64)]) {
+        let suspicious = self.doubt_odometry(odometry);
+        self.find_misplaced();
+        self.doubt_measurements(suspicious);
+    }
+
+    /// Takes what was left over of everybody's odometry, squares and what was expected of them. True when somebody's may be
+    /// why its measurements fit nobody.
+    fn doubt_odometry(&mut self, odometry: &[(VehicleId, f64, f64)]) -> bool {
         let window = &mut self.window;
         for (vehicle, squares, expected) in odometry {
             if let Some(member) = window.members.get_mut(vehicle) {
@@ -442,16 +451,20 @@ impl Team {
         let mut suspicious = false;
         for (vehicle, member) in &mut window.members {
             let is_largest = member.odometry.ratio() >= largest;
-            match member.odometry.judge(is_largest) {
-                Remedy::NewBiases => biased.push(*vehicle),
-                Remedy::None | Remedy::Disbelieve | Remedy::Believe => {}
+            if member.odometry.judge(is_largest) == Remedy::NewBiases {
+                biased.push(*vehicle);
             }
             suspicious |= member.odometry.is_under_suspicion();
         }
         for vehicle in biased {
             window.free_biases(vehicle);
         }
-        self.find_misplaced();
+        suspicious
+    }
+
+    /// Counts bad measurements by who made them, and begins quarantines while more are trusted than doubted: not while
+    /// odometry is under suspicion.
+    fn doubt_measurements(&mut self, suspicious: bool) {
         let window = &mut self.window;
         let mut counts: std::collections::BTreeMap<VehicleId, (u32, u32)> = Default::default();
         let new = window.edges.iter().filter(|edge| edge.is_new);
@@ -473,16 +486,9 @@ impl Team {
         if suspicious || self.rounds <= window.settings.settling_rounds {
             return;
         }
-        let trusted = |window: &Window| {
-            let members = window.members.values();
-            members.filter(|member| member.doubt.is_trusted()).count()
-        };
-        let doubted = window
-            .members
-            .values()
-            .filter(|member| member.doubt.is_doubted())
-            .count();
-        let witnesses = trusted(window);
+        let members = || window.members.values();
+        let doubted = members().filter(|member| member.doubt.is_doubted()).count();
+        let witnesses = members().filter(|member| member.doubt.is_trusted()).count();
         if witnesses > doubted {
             for member in window.members.values_mut() {
                 if member.doubt.is_doubted() {
@@ -604,11 +610,6 @@ fn left_over(
         }
     }
     (squares, expected.max(0.0))
-}
-
-/// Whether a kind tells the whole relative pose.
-const fn is_whole(kind: Kind) -> bool {
-    matches!(kind, Kind::Pose)
 }
 
 #[cfg(test)]

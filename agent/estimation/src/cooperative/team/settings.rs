@@ -60,9 +60,9 @@ impl Lag {
 /// How far odometry may be off in the same way all the time, and how that changes.
 ///
 /// Room for a bias is not free: with millimetre odometry a scale unknown by one in a thousand costs section V 4 % of its
-/// accuracy, by 3 % it costs 8 %. So a bias is narrow where it can be: a scale begins narrow, gets
-/// room with the first measurement that has a length in it, and is held at none as soon as the measurements show none (to learn that late costs nothing, as the prior knows what it did to the poses), a
-/// gyroscope begins narrow, and either gets room when it leaves the range in which it was expected.
+/// accuracy, by 3 % it costs 8 %. So both begin narrow and get room when they leave the range in which they were expected.
+/// A scale gets it with the first measurement that has a length in it, too, and is held at none as soon as the measurements
+/// show none: to learn that late costs nothing, as the prior knows what the scale did to the poses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BiasNoise {
     /// Of the gyroscope: rad/s per axis.
@@ -91,6 +91,7 @@ pub struct BiasRange {
 impl Settings {
     /// The paper's period, for which the figures were found.
     const PERIOD_S: f64 = 0.2;
+    /// Its root.
     const ROOT_PERIOD: f64 = 0.447_213_595_499_958;
 
     /// Found on the scenario of section V with five kinds, loss, outliers and wrong noise

@@ -15,6 +15,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::settings::{BiasRange, Lag};
 use super::*;
+use crate::cooperative::measurement::Kind;
 use crate::odometry::Growth;
 use crate::{Odometry, so3};
 

@@ -3,20 +3,19 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use nalgebra::{DMatrix, DVector, Vector3, Vector4};
+use nalgebra::{Vector3, Vector4};
 
 use super::biases::{Biases, Fate};
 use super::doubt::{Doubt, LYING_NOISE, MISPLACED_BY, Misplaced, OdometryDoubt};
 use super::measured_edge::{Linear, MeasuredEdge, PoseId};
 use super::noise_scales::NoiseScales;
-use super::normal::Sums;
-use super::prior::{Anchor, Prior, Unknown, subtract_marginal};
+use super::prior::Prior;
 use super::settings::{
     BiasRange, EDGES_BY_ONE_MAX, EDGES_MAX, LEVER_MAX_M, MEMBERS_MAX, NOISE_MIN, POSES_MAX,
     POSES_OF_ONE_MAX, REACH_M, Settings, UNKNOWN_START, WORN_START_RAD,
 };
 use super::stretch::{self, Stretch};
-use super::{Moment, Observation, PoseEstimate, RelativeEstimate, Unused, is_whole};
+use super::{Moment, Observation, PoseEstimate, RelativeEstimate, Unused};
 use crate::cooperative::measurement::{Kind, Measurement, Noise};
 use crate::odometry::OdometryPoint;
 use crate::time::{Span, Stamp};
@@ -24,13 +23,6 @@ use crate::{Body, Sensor, Transform, VehicleId, World};
 
 /// A vehicle that was heard so many rounds ago is present.
 pub(super) const PRESENT_ROUNDS: i64 = 5;
-/// After so many rounds in which nobody else was heard, this vehicle keeps its poses: whoever returns is told what it
-/// missed, and that needs them.
-const DEAF_AFTER_ROUNDS: i64 = 5;
-/// Rounds that are kept so at most.
-const DEAF_ROUNDS_MAX: i64 = 50;
-/// Rounds that the poses are still kept after somebody is heard again.
-const RETURN_ROUNDS: i64 = 6;
 /// Rounds after the last distance in which the window stays as long as distances want it.
 const DISTANCE_ROUNDS: u32 = 25;
 /// How much more room than usual the biases of odometry get that fits nothing.
@@ -90,11 +82,11 @@ pub(super) struct Window {
     pub(super) own_estimate: Option<PoseEstimate>,
     pub(super) evicted: u64,
     /// Rounds for which distances lengthen the window.
-    distance_rounds: u32,
+    pub(super) distance_rounds: u32,
     /// Poses before it go.
-    cutoff: Option<Stamp>,
+    pub(super) cutoff: Option<Stamp>,
     /// Until when the cutoff stays where it is.
-    held_until: Option<Stamp>,
+    pub(super) held_until: Option<Stamp>,
 }
 
 impl Window {
@@ -194,7 +186,7 @@ impl Window {
         id
     }
 
-    fn reindex(&mut self) {
+    pub(super) fn reindex(&mut self) {
         self.index_of = self
             .poses
             .iter()
@@ -482,9 +474,6 @@ impl Window {
         let Measurement::Pose(pose) = &observation.measurement else {
             return Ok(());
         };
-        if !is_whole(observation.measurement.kind()) {
-            return Ok(());
-        }
         let from_from_to = pose.relative();
         let (known, unknown, known_from_unknown) = match (located(self, from), located(self, to)) {
             (true, false) => {
@@ -536,7 +525,7 @@ impl Window {
 
     /// The instant of the last round: of this vehicle's last pose or, while nobody knows where it is, one that half of
     /// the others have reached.
-    fn newest_round(&self) -> Option<Stamp> {
+    pub(super) fn newest_round(&self) -> Option<Stamp> {
         if let Some(own) = self.newest_of(self.own) {
             return Some(own.instant);
         }
@@ -544,173 +533,6 @@ impl Window {
         let mut instants: Vec<Stamp> = others.map(|pose| pose.instant).collect();
         instants.sort();
         instants.get(instants.len() / 2).copied()
-    }
-
-    /// The poses that have left the window go into the prior.
-    pub(super) fn marginalise(&mut self, scales: &NoiseScales) {
-        self.distance_rounds = self.distance_rounds.saturating_sub(1);
-        let Some(newest) = self.newest_round() else {
-            return;
-        };
-        let others = self.poses.iter().filter(|pose| pose.vehicle != self.own);
-        let others = others.map(|pose| pose.instant).max();
-        let is_deaf = others.is_none_or(|at| newest - at > self.period * DEAF_AFTER_ROUNDS);
-        if is_deaf {
-            self.held_until = Some(newest + self.period * RETURN_ROUNDS);
-        }
-        let is_held = self.held_until.is_some_and(|until| newest < until);
-        let half = Span::from_nanos(self.period.as_nanos() / 2);
-        let usual = newest - self.period * i64::from(self.lag()) - half;
-        let oldest = newest - self.period * DEAF_ROUNDS_MAX;
-        let cutoff = match self.cutoff {
-            Some(before) if is_held => before.max(oldest),
-            _ => usual,
-        };
-        let cutoff = self.cutoff.map_or(cutoff, |before| before.max(cutoff));
-        self.cutoff = Some(cutoff);
-        let last: BTreeSet<PoseId> = self
-            .members
-            .keys()
-            .filter_map(|vehicle| self.newest_of(*vehicle).map(|pose| pose.id))
-            .collect();
-        let gone: Vec<Unknown> = self
-            .poses
-            .iter()
-            .filter(|pose| pose.instant < cutoff && !last.contains(&pose.id))
-            .map(|pose| Unknown::Pose(pose.id))
-            .collect();
-        self.eliminate(&gone, scales);
-        if self.members.len() >= MEMBERS_MAX {
-            self.evict(newest, scales);
-        }
-    }
-
-    /// Makes room: the absent vehicle that was heard longest ago goes.
-    fn evict(&mut self, now: Stamp, scales: &NoiseScales) {
-        let newest = |vehicle: &VehicleId| self.newest_of(*vehicle).map(|pose| pose.instant);
-        let oldest = self
-            .members
-            .keys()
-            .filter(|vehicle| **vehicle != self.own)
-            .filter_map(|vehicle| Some((newest(vehicle)?, *vehicle)))
-            .min();
-        if let Some((heard, vehicle)) = oldest
-            && now - heard > self.period * PRESENT_ROUNDS
-        {
-            self.forget(vehicle, scales);
-            self.evicted += 1;
-        }
-    }
-
-    /// A vehicle leaves; what it told of others stays.
-    pub(super) fn forget(&mut self, vehicle: VehicleId, scales: &NoiseScales) {
-        if !self.members.contains_key(&vehicle) {
-            return;
-        }
-        let own = self.poses.iter().filter(|pose| pose.vehicle == vehicle);
-        let mut gone: Vec<Unknown> = own.map(|pose| Unknown::Pose(pose.id)).collect();
-        gone.push(Unknown::Biases(vehicle));
-        self.eliminate(&gone, scales);
-        self.members.remove(&vehicle);
-        self.tested.clear();
-        if vehicle == self.own {
-            self.own_estimate = None;
-        }
-    }
-
-    /// Marginalises unknowns at the present estimate with the last weights. What came in since the last round and touches
-    /// them came too late.
-    fn eliminate(&mut self, gone: &[Unknown], scales: &NoiseScales) {
-        if gone.is_empty() {
-            return;
-        }
-        let is_gone = |id: PoseId| gone.contains(&Unknown::Pose(id));
-        let touches = |edge: &MeasuredEdge| is_gone(edge.to) || edge.from.is_some_and(is_gone);
-        let pairs: Vec<(usize, usize)> = self
-            .stretches()
-            .into_iter()
-            .filter(|(a, b)| {
-                let biases = Unknown::Biases(self.poses[*a].vehicle);
-                is_gone(self.poses[*a].id) || is_gone(self.poses[*b].id) || gone.contains(&biases)
-            })
-            .collect();
-        let mut order = gone.to_vec();
-        let mut note = |unknown: Unknown| {
-            if !order.contains(&unknown) {
-                order.push(unknown);
-            }
-        };
-        for anchor in &self.prior.anchors {
-            note(anchor.unknown());
-        }
-        for (a, b) in &pairs {
-            note(Unknown::Pose(self.poses[*a].id));
-            note(Unknown::Pose(self.poses[*b].id));
-            note(Unknown::Biases(self.poses[*a].vehicle));
-        }
-        for edge in self
-            .edges
-            .iter()
-            .filter(|edge| touches(edge) && !edge.is_new)
-        {
-            note(Unknown::Pose(edge.to));
-            edge.from.iter().for_each(|from| note(Unknown::Pose(*from)));
-        }
-        let mut offsets = BTreeMap::new();
-        let mut size = 0;
-        for unknown in &order {
-            offsets.insert(*unknown, size);
-            size += unknown.dimension();
-        }
-        let lost_unknowns = gone.len();
-        let lost: usize = gone.iter().map(|unknown| unknown.dimension()).sum();
-        let mut sums = Dense {
-            hessian: DMatrix::zeros(size, size),
-            gradient: DVector::zeros(size),
-        };
-        let offset = |unknown: Unknown| offsets[&unknown];
-        sums.prior(self, offset);
-        for pair in pairs {
-            sums.stretch(self, pair, scales, offset);
-        }
-        for edge in self
-            .edges
-            .iter()
-            .filter(|edge| touches(edge) && !edge.is_new)
-        {
-            // Anew: the frame and the noise scales have moved since the last round.
-            sums.edge(edge, &self.linearise(edge, scales), offset);
-        }
-        self.edges.retain(|edge| !touches(edge));
-        self.tested.retain(|edge| !touches(edge));
-        self.poses.retain(|pose| !is_gone(pose.id));
-        self.reindex();
-        let Dense { hessian, gradient } = sums.full();
-        let kept = size - lost;
-        let across = hessian.view((lost, 0), (kept, lost)).into_owned();
-        let mut lambda = hessian.view((lost, lost), (kept, kept)).into_owned();
-        let mut beta = gradient.rows(lost, kept).into_owned();
-        let inner = hessian.view((0, 0), (lost, lost)).into_owned();
-        let gone = gradient.rows(0, lost).into_owned();
-        if let Some(inner) = inner.clone().cholesky() {
-            beta -= &across * inner.solve(&gone);
-            subtract_marginal(&mut lambda, &inner, &across);
-        } else if let Some(inner) = pseudo_inverse(inner) {
-            beta -= &across * (&inner * gone);
-            lambda -= &across * inner * across.transpose();
-        }
-        let anchors = order[lost_unknowns..].iter().map(|unknown| match *unknown {
-            Unknown::Pose(id) => Anchor::Pose(id, self.poses[self.index(id)].world_from_body),
-            Unknown::Biases(vehicle) => {
-                Anchor::Biases(vehicle, self.members[&vehicle].biases.value)
-            }
-        });
-        self.prior = Prior {
-            anchors: anchors.collect(),
-            lambda,
-            beta,
-        };
-        self.prior.symmetrise();
     }
 
     /// Everybody's biases wander for a round.
@@ -901,20 +723,6 @@ impl Window {
     }
 }
 
-/// The inverse in the directions that something determines: the others tell nothing of the rest, as a sum of squares
-/// that a direction does not meet has no part across it. None of what are no numbers.
-fn pseudo_inverse(matrix: DMatrix<f64>) -> Option<DMatrix<f64>> {
-    if !matrix.iter().all(|number| number.is_finite()) {
-        return None;
-    }
-    let least = matrix.amax() * matrix.nrows() as f64 * f64::EPSILON;
-    let eigen = matrix.symmetric_eigen();
-    let inverse = eigen
-        .eigenvalues
-        .map(|value| if value > least { 1.0 / value } else { 0.0 });
-    Some(&eigen.eigenvectors * DMatrix::from_diagonal(&inverse) * eigen.eigenvectors.transpose())
-}
-
 /// Whether a pose of the window can be followed.
 fn is_in_reach(pose: &Transform<World, Body>) -> bool {
     pose.is_valid() && pose.translation.norm() <= REACH_M
@@ -936,28 +744,4 @@ fn is_usable(observation: &Observation) -> bool {
 /// Whether a kind tells lengths, without which an odometer's scale cannot be told from none.
 const fn has_a_length(kind: Kind) -> bool {
     matches!(kind, Kind::Pose | Kind::Position | Kind::Distance)
-}
-
-/// Dense sums, for what is marginalised.
-struct Dense {
-    hessian: DMatrix<f64>,
-    gradient: DVector<f64>,
-}
-
-impl Sums for Dense {
-    fn add(&mut self, row: usize, column: usize, value: f64) {
-        self.hessian[(row, column)] += value;
-    }
-
-    fn add_gradient(&mut self, row: usize, value: f64) {
-        self.gradient[row] += value;
-    }
-}
-
-impl Dense {
-    /// The upper half is the lower one.
-    fn full(mut self) -> Self {
-        self.hessian.fill_upper_triangle_with_lower_triangle();
-        self
-    }
 }
