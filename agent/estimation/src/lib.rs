@@ -16,6 +16,8 @@ pub mod vehicle_id;
 
 pub mod cooperative;
 
+pub mod mutual;
+
 #[cfg(test)]
 mod lie_laws;
 

@@ -16,10 +16,10 @@ pub enum Mode {
 }
 
 impl Default for Mode {
-    /// The robust star: better than the paper's weights on clean flights too, and the only one that survives outliers
-    /// (`skein-sim experiment modes`).
+    /// The team: at a third of the star's error or less, clean or with outliers, and the only one that says how certain it
+    /// is (`skein-sim experiment modes`, `skein-sim experiment consistency`).
     fn default() -> Self {
-        Self::Star(Robust::DEFAULT)
+        Self::Team
     }
 }
 

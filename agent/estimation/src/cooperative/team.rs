@@ -26,11 +26,13 @@ mod skyline;
 mod stretch;
 mod window;
 
+use std::collections::BTreeMap;
+
 use nalgebra::{Matrix6, Vector3, Vector6};
 
 use self::doubt::{Place, Remedy};
 use self::measured_edge::{MeasuredEdge, degrees_of_freedom};
-use self::normal::{Normal, NotDetermined};
+use self::normal::{Normal, NotDetermined, OdometryLeft};
 use self::window::Window;
 use super::measurement::{Measurement, Noise};
 use crate::odometry::OdometryPoint;
@@ -126,7 +128,10 @@ impl PoseEstimate {
             .growth
             .since(&self.point.growth)
             .about(&to.translation)
-            .scaled(rotation * rotation, translation * translation)
+            .scaled(
+                rotation * rotation * scales.told_share(),
+                translation * translation * scales.told_share(),
+            )
             .covariance();
         let axes: Transform<Body, crate::Odometry> =
             Transform::new(to.rotation.inverse(), Vector3::zeros());
@@ -382,6 +387,15 @@ impl Team {
             let limit = window.settings.gate * edge.degrees_of_freedom() / 6.0;
             // What is not a number fails.
             edge.failed_gate = square.is_nan() || square > limit;
+            if !edge.failed_gate {
+                for (row, dof) in (0..).zip(edge.degrees_of_freedom_by_row()) {
+                    let residual = linear.residual[row];
+                    if dof > AXIS_MIN && residual.abs() > NO_NOISE {
+                        let square = residual * residual / (spread[(row, row)] + dof);
+                        self.scales.innovations.note(row, square, dof);
+                    }
+                }
+            }
         }
         window.edges = edges;
         window.tested = tested;
@@ -416,18 +430,36 @@ impl Team {
             scales.measurement.rotation.note(angles.0, angles.1);
             scales.measurement.translation.note(lengths.0, lengths.1);
         }
-        let ratios = self
-            .normal
-            .judge_odometry(window, &self.scales, &mut scales);
-        scales.end_round();
-        self.scales = scales;
+        let left = self.normal.judge_odometry(window, &self.scales);
         let variances = self.normal.bias_variances();
         self.window.judge_biases(&variances);
-        self.doubt(&ratios);
+        self.doubt(&left);
+        self.note_odometry(&left, &mut scales);
+        scales.end_round();
+        self.scales = scales;
+    }
+
+    /// Notes what is left over of odometry: for everybody together, and for each vehicle by itself, as one that is worse
+    /// than it says would otherwise be believed by the others, or speak for them.
+    fn note_odometry(&mut self, left: &[OdometryLeft], scales: &mut NoiseScales) {
+        for stretch in left {
+            let Some(member) = self.window.members.get_mut(&stretch.vehicle) else {
+                continue;
+            };
+            if member.odometry.lies {
+                continue;
+            }
+            for pair in [&mut scales.odometry, &mut member.scale] {
+                let (rotation, translation) = (stretch.rotation, stretch.translation);
+                pair.rotation.note(rotation.0, rotation.1);
+                pair.translation.note(translation.0, translation.1);
+            }
+            member.scale.end_round();
+        }
     }
 
     /// Updates doubts: odometry first, as a vehicle whose odometry lies looks like one whose measurements do.
-    fn doubt(&mut self, odometry: &[(VehicleId, f64, f64)]) {
+    fn doubt(&mut self, odometry: &[OdometryLeft]) {
         let suspicious = self.doubt_odometry(odometry);
         self.find_misplaced();
         self.doubt_measurements(suspicious);
@@ -435,11 +467,15 @@ impl Team {
 
     /// Takes what was left over of everybody's odometry, squares and what was expected of them. True when somebody's may be
     /// why its measurements fit nobody.
-    fn doubt_odometry(&mut self, odometry: &[(VehicleId, f64, f64)]) -> bool {
+    fn doubt_odometry(&mut self, odometry: &[OdometryLeft]) -> bool {
         let window = &mut self.window;
-        for (vehicle, squares, expected) in odometry {
-            if let Some(member) = window.members.get_mut(vehicle) {
-                member.odometry.note(*squares, *expected);
+        for left in odometry {
+            let ((angles, angles_of), (lengths, lengths_of)) = (left.rotation, left.translation);
+            if let Some(member) = window.members.get_mut(&left.vehicle) {
+                // A scale of its own is no excuse.
+                let (rotation, translation) = (member.scale.rotation(), member.scale.translation());
+                let squares = angles * rotation * rotation + lengths * translation * translation;
+                member.odometry.note(squares, angles_of + lengths_of);
             }
         }
         let largest = window
@@ -447,11 +483,12 @@ impl Team {
             .values()
             .map(|member| member.odometry.ratio())
             .fold(0.0, f64::max);
+        let it_shows = window.members.len() >= WITNESSED_FROM;
         let mut biased = Vec::new();
         let mut suspicious = false;
         for (vehicle, member) in &mut window.members {
             let is_largest = member.odometry.ratio() >= largest;
-            if member.odometry.judge(is_largest) == Remedy::NewBiases {
+            if member.odometry.judge(is_largest, it_shows) == Remedy::NewBiases {
                 biased.push(*vehicle);
             }
             suspicious |= member.odometry.is_under_suspicion();
@@ -466,21 +503,19 @@ impl Team {
     /// odometry is under suspicion.
     fn doubt_measurements(&mut self, suspicious: bool) {
         let window = &mut self.window;
-        let mut counts: std::collections::BTreeMap<VehicleId, (u32, u32)> = Default::default();
+        let mut measured: BTreeMap<VehicleId, Vec<(VehicleId, bool)>> = BTreeMap::new();
         let new = window.edges.iter().filter(|edge| edge.is_new);
         for edge in new.filter(|edge| edge.from.is_some()) {
-            let count = counts.entry(edge.by).or_default();
-            count.0 += u32::from(edge.weight < 0.5);
-            count.1 += 1;
+            let by = measured.entry(edge.by).or_default();
+            by.push((edge.of, edge.weight < 0.5));
         }
         for edge in &window.tested {
-            let count = counts.entry(edge.by).or_default();
-            count.0 += u32::from(edge.failed_gate);
-            count.1 += 1;
+            let by = measured.entry(edge.by).or_default();
+            by.push((edge.of, edge.failed_gate));
         }
-        for (vehicle, (bad, all)) in counts {
+        for (vehicle, measured) in measured {
             if let Some(member) = window.members.get_mut(&vehicle) {
-                member.doubt.note(bad, all);
+                member.doubt.note(&measured);
             }
         }
         if suspicious || self.rounds <= window.settings.settling_rounds {
@@ -502,6 +537,7 @@ impl Team {
     /// Gives room to vehicles that are not where they are taken to be.
     fn find_misplaced(&mut self) {
         let window = &mut self.window;
+        let it_shows = window.members.len() >= WITNESSED_FROM;
         let mut misplaced = Vec::new();
         for (vehicle, member) in &mut window.members {
             let (mut by, mut of) = ((0, 0), (0, 0));
@@ -525,7 +561,7 @@ impl Team {
                 continue;
             }
             let place = member.misplaced.judge();
-            if place == Place::OftenWrong {
+            if place == Place::OftenWrong && it_shows {
                 member.odometry.disbelieve();
             }
             if place != Place::Believed {
@@ -549,7 +585,8 @@ impl Team {
         };
         let own = &window.poses[own_at];
         let to_body = se3::adjoint(&own.world_from_body.inverse());
-        let covariance = self.normal.covariance_between(None, own_at, &to_body);
+        let told_share = self.scales.told_share();
+        let covariance = self.normal.covariance_between(None, own_at, &to_body) * told_share;
         let estimate = PoseEstimate {
             instant: own.instant,
             point: own.point,
@@ -568,7 +605,8 @@ impl Team {
                 RelativeEstimate {
                     instant: pose.instant,
                     body_from_neighbour: own.world_from_body.inverse() * pose.world_from_body,
-                    covariance: self.normal.covariance_between(Some(own_at), at, &to_body),
+                    covariance: self.normal.covariance_between(Some(own_at), at, &to_body)
+                        * told_share,
                 }
             });
             relatives.push((vehicle, relative));
@@ -582,6 +620,10 @@ impl Team {
     }
 }
 
+/// Vehicles from which on it shows whose odometry errs when measurements do not fit it.
+const WITNESSED_FROM: usize = 3;
+/// An axis of which a measurement tells less than this share of a degree of freedom is not judged by it.
+const AXIS_MIN: f64 = 0.05;
 /// A whitened residual below this is no noise: of robots on a plane, what stands upright says nothing of their sensors.
 const NO_NOISE: f64 = 1e-6;
 

@@ -1,6 +1,8 @@
 //! Whom to doubt: a vehicle whose measurements fit nobody, and one whose odometry does not fit what is measured.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
+
+use crate::VehicleId;
 
 /// Measurements that count as one a round later.
 const FORGETTING: f64 = 0.9;
@@ -10,8 +12,13 @@ const DOUBTED_ABOVE: f64 = 0.6;
 const COUNT_MIN: f64 = 4.0;
 /// Share of the innovations of a vehicle in quarantine that fail the gate, below which it is taken back.
 const TRUSTED_BELOW: f64 = 0.2;
+/// Bad measurements, with forgetting, that are not of the one vehicle of which most are bad, below which it is a line of
+/// sight that is bad and not who looks along it.
+const ELSEWHERE_MIN: f64 = 1.5;
 /// Innovations, with forgetting, without which nobody is taken back.
 const TRUSTED_COUNT_MIN: f64 = 6.0;
+/// What is left of bad measurements of somebody before they are no more kept.
+const FORGOTTEN: f64 = 0.01;
 /// Rounds over which odometry is judged.
 const ODOMETRY_ROUNDS: usize = 5;
 /// Odometry residuals over their expectation above which a vehicle's biases are found anew; honest vehicles stay below
@@ -33,10 +40,12 @@ pub(super) const MISPLACED_BY: (f64, f64) = (0.5, 5.0);
 pub(super) const LYING_NOISE: f64 = 10.0;
 
 /// What speaks against the measurements of one vehicle.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Doubt {
     bad: f64,
     all: f64,
+    /// The bad ones by whom they are of.
+    bad_of: BTreeMap<VehicleId, f64>,
     pub(super) is_quarantined: bool,
 }
 
@@ -57,16 +66,29 @@ impl Doubt {
 
     /// Whether it should be put into quarantine.
     pub(super) fn is_doubted(&self) -> bool {
-        !self.is_quarantined && self.all > COUNT_MIN && self.share() > DOUBTED_ABOVE
+        let most = self.bad_of.values().copied().fold(0.0, f64::max);
+        !self.is_quarantined
+            && self.all > COUNT_MIN
+            && self.share() > DOUBTED_ABOVE
+            && self.bad - most > ELSEWHERE_MIN
     }
 
-    /// A round's measurements: how many are bad, by their weights or, in quarantine, by the gate.
-    pub(super) fn note(&mut self, bad: u32, all: u32) {
-        if all == 0 {
+    /// A round's measurements: of whom, and whether they are bad, by their weights or, in quarantine, by the gate.
+    pub(super) fn note(&mut self, measured: &[(VehicleId, bool)]) {
+        if measured.is_empty() {
             return;
         }
-        self.bad = FORGETTING * self.bad + f64::from(bad);
-        self.all = FORGETTING * self.all + f64::from(all);
+        self.bad *= FORGETTING;
+        self.all *= FORGETTING;
+        self.bad_of.values_mut().for_each(|bad| *bad *= FORGETTING);
+        self.bad_of.retain(|_, bad| *bad > FORGOTTEN);
+        for (of, is_bad) in measured {
+            self.all += 1.0;
+            if *is_bad {
+                self.bad += 1.0;
+                *self.bad_of.entry(*of).or_default() += 1.0;
+            }
+        }
         if self.is_quarantined && self.all > TRUSTED_COUNT_MIN && self.share() < TRUSTED_BELOW {
             *self = Self::default();
         }
@@ -226,8 +248,9 @@ impl OdometryDoubt {
         self.believable = 0;
     }
 
-    /// What follows, for a vehicle whose ratio is the largest of all or not.
-    pub(super) fn judge(&mut self, is_largest: bool) -> Remedy {
+    /// What follows, for a vehicle whose ratio is the largest of all or not, and in a team in which it shows who errs: of
+    /// two vehicles it could be either.
+    pub(super) fn judge(&mut self, is_largest: bool, it_shows: bool) -> Remedy {
         let ratio = self.ratio();
         if let Some(rounds) = &mut self.new_biases {
             *rounds += 1;
@@ -249,7 +272,7 @@ impl OdometryDoubt {
         }
         match self.new_biases {
             Some(rounds) if rounds < NEW_BIASES_ROUNDS => Remedy::None,
-            Some(_) if ratio > LYING_ABOVE => {
+            Some(_) if ratio > LYING_ABOVE && it_shows => {
                 self.disbelieve();
                 Remedy::Disbelieve
             }
@@ -270,29 +293,45 @@ impl OdometryDoubt {
 mod tests {
     use super::*;
 
+    const BAD: [(VehicleId, bool); 2] = [(VehicleId(1), true), (VehicleId(2), true)];
+    const GOOD: [(VehicleId, bool); 2] = [(VehicleId(1), false), (VehicleId(2), false)];
+
     #[test]
     fn most_of_its_measurements_must_be_bad_and_enough_of_them_before_a_vehicle_is_doubted() {
         let mut doubt = Doubt::default();
-        doubt.note(2, 2);
+        doubt.note(&BAD);
         assert!(!doubt.is_doubted(), "too few");
-        doubt.note(2, 2);
-        doubt.note(2, 2);
+        doubt.note(&BAD);
+        doubt.note(&BAD);
         assert!(doubt.is_doubted());
-        doubt.note(0, 4);
+        doubt.note(&GOOD);
+        doubt.note(&GOOD);
         assert!(!doubt.is_doubted());
+    }
+
+    #[test]
+    fn whoever_is_wrong_about_one_other_alone_is_not_doubted() {
+        let mut doubt = Doubt::default();
+        for _ in 0..20 {
+            doubt.note(&BAD[..1]);
+            assert!(!doubt.is_doubted(), "{doubt:?}");
+        }
+        doubt.note(&BAD[1..]);
+        doubt.note(&BAD[1..]);
+        assert!(doubt.is_doubted(), "about another, too");
     }
 
     #[test]
     fn in_quarantine_it_comes_back_when_its_innovations_pass() {
         let mut doubt = Doubt::default();
         doubt.quarantine();
-        doubt.note(2, 2);
+        doubt.note(&BAD);
         for round in 0..40 {
             if !doubt.is_quarantined {
                 assert!(round >= 4, "a few good ones are not enough");
                 return;
             }
-            doubt.note(0, 2);
+            doubt.note(&GOOD);
         }
         panic!("it never came back");
     }
@@ -324,14 +363,14 @@ mod tests {
         let mut remedies = Vec::new();
         for _ in 0..30 {
             doubt.note(60.0, 6.0);
-            remedies.push(doubt.judge(true));
+            remedies.push(doubt.judge(true, true));
         }
         let at = |remedy| remedies.iter().position(|found| *found == remedy);
         assert_eq!(at(Remedy::NewBiases), Some(4));
         assert_eq!(at(Remedy::Disbelieve), Some(14));
         for round in 0..40 {
             doubt.note(6.0 / (LYING_NOISE * LYING_NOISE), 6.0);
-            if doubt.judge(true) == Remedy::Believe {
+            if doubt.judge(true, true) == Remedy::Believe {
                 assert!(round > 19);
                 return;
             }

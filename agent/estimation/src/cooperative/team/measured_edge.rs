@@ -64,6 +64,22 @@ impl MeasuredEdge {
         rotation + translation
     }
 
+    /// The same by axis of the residual, angles first: what noise of one standard deviation comes to on each.
+    pub(super) fn degrees_of_freedom_by_row(&self) -> [f64; 6] {
+        match &self.measurement {
+            Measurement::Pose(_) => [1.0; 6],
+            Measurement::Orientation(_) => [1.0, 1.0, 1.0, 0.0, 0.0, 0.0],
+            Measurement::Position(_) => [0.0, 0.0, 0.0, 1.0, 1.0, 1.0],
+            // Nothing along the direction itself.
+            Measurement::Bearing(bearing) => {
+                let along = bearing.direction();
+                let across = |axis: usize| 1.0 - along[axis] * along[axis];
+                [across(0), across(1), across(2), 0.0, 0.0, 0.0]
+            }
+            Measurement::Distance(_) => [0.0, 0.0, 0.0, 1.0, 0.0, 0.0],
+        }
+    }
+
     /// Linearises at two poses; `from` is that of the world for an absolute fix.
     ///
     /// A relative measurement depends on `xi_to - xi_from` alone, whatever the lever arms: a twist of the world moves both

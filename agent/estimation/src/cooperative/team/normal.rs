@@ -35,6 +35,14 @@ pub(super) struct Normal {
     columns: Vec<[f64; 6]>,
 }
 
+/// What is left over of one stretch of odometry, of unit variance: squares and what was expected of them.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct OdometryLeft {
+    pub(super) vehicle: VehicleId,
+    pub(super) rotation: (f64, f64),
+    pub(super) translation: (f64, f64),
+}
+
 /// Where factors add their part: the lower half of a matrix, and a gradient.
 pub(super) trait Sums {
     fn add(&mut self, row: usize, column: usize, value: f64);
@@ -359,14 +367,12 @@ impl Normal {
         variances
     }
 
-    /// What is left over of the odometry of this round: for the noise scales, and for each vehicle the squares and what
-    /// was expected of them.
+    /// What is left over of everybody's odometry of this round.
     pub(super) fn judge_odometry(
         &mut self,
         window: &Window,
         scales: &NoiseScales,
-        noted: &mut NoiseScales,
-    ) -> Vec<(VehicleId, f64, f64)> {
+    ) -> Vec<OdometryLeft> {
         let mut judged = Vec::new();
         for at in 0..self.stretches.len() {
             let pair = self.stretches[at];
@@ -380,19 +386,11 @@ impl Normal {
             let biases = Some((self.biases[&vehicle], &linear.bias));
             let spread = self.spread(Some(pair.0), pair.1, &linear.twist, biases);
             let half = |first: usize| left_over(&linear.residual, &spread, first, 3.0, 1.0);
-            let (rotation, translation) = (half(0), half(3));
-            if !window.members[&vehicle].odometry.lies {
-                noted.odometry.rotation.note(rotation.0, rotation.1);
-                noted
-                    .odometry
-                    .translation
-                    .note(translation.0, translation.1);
-            }
-            judged.push((
+            judged.push(OdometryLeft {
                 vehicle,
-                rotation.0 + translation.0,
-                rotation.1 + translation.1,
-            ));
+                rotation: half(0),
+                translation: half(3),
+            });
         }
         judged
     }

@@ -7,7 +7,7 @@ use crate::time::Span;
 pub struct Settings {
     /// How many rounds the window holds.
     pub lag: Lag,
-    /// Neighbours whose measurements are used at most, nearest first; of the others odometry is kept.
+    /// Of each vehicle, the others with which measurements are used at most, nearest first.
     pub nearest: usize,
     /// Squared innovation, in standard deviations and for six degrees of freedom, above which a new measurement fails
     /// the gate; in proportion for fewer.
@@ -30,6 +30,8 @@ pub struct Settings {
 pub struct Lag {
     /// In general.
     pub usual: u32,
+    /// With no more than [`Lag::SEVERAL`] vehicles.
+    pub several: u32,
     /// While distances are measured.
     pub distances: u32,
     /// With no more than [`Lag::FEW`] vehicles, this one among them.
@@ -41,12 +43,16 @@ pub struct Lag {
 impl Lag {
     /// So many are few: their common turn shows late.
     pub const FEW: usize = 3;
+    /// So many are several: one wrong linearisation shows, and is affordable to avoid.
+    pub const SEVERAL: usize = 5;
     /// More are many: the window's cost grows with the cube of the number.
     pub const MANY: usize = 12;
 
     pub(super) fn rounds(&self, members: usize, distances: bool) -> u32 {
         if members <= Self::FEW {
             self.few
+        } else if members <= Self::SEVERAL {
+            self.several
         } else if members > Self::MANY {
             self.many
         } else if distances {
@@ -99,21 +105,23 @@ impl Settings {
     pub const DEFAULT: Self = Self {
         lag: Lag {
             usual: 3,
+            several: 8,
             distances: 5,
             few: 20,
             many: 1,
         },
-        nearest: 19,
+        nearest: 6,
         gate: 100.0,
         cauchy: 20.0,
         settling_rounds: 30,
         iterations: 3,
         bias: BiasNoise {
-            // Half a milliradian a round, with room five, and 2e-5 per root round.
+            // A tenth of a milliradian a round, with room five, and 2e-5 per root round: ten vehicles pay 4 % for a start
+            // of half a milliradian.
             gyro: BiasRange {
-                start: 0.0005 / Self::PERIOD_S,
+                start: 0.0001 / Self::PERIOD_S,
                 room: 0.005 / Self::PERIOD_S,
-                held: 0.0005 / Self::PERIOD_S,
+                held: 0.0001 / Self::PERIOD_S,
                 walk: 2e-5 / (Self::PERIOD_S * Self::ROOT_PERIOD),
             },
             scale: BiasRange {

@@ -309,6 +309,7 @@ fn least_squares(lag: u32) -> Settings {
     let mut settings = Settings::DEFAULT;
     settings.lag = Lag {
         usual: lag,
+        several: lag,
         distances: lag,
         few: lag,
         many: lag,
@@ -326,6 +327,9 @@ impl Team {
     fn solve_with_stated_noise(&mut self) -> Report {
         let report = self.solve();
         self.scales = NoiseScales::default();
+        for member in self.window.members.values_mut() {
+            member.scale = ScalePair::of_one();
+        }
         report
     }
 }

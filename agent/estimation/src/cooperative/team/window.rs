@@ -8,7 +8,7 @@ use nalgebra::{Vector3, Vector4};
 use super::biases::{Biases, Fate};
 use super::doubt::{Doubt, LYING_NOISE, MISPLACED_BY, Misplaced, OdometryDoubt};
 use super::measured_edge::{Linear, MeasuredEdge, PoseId};
-use super::noise_scales::NoiseScales;
+use super::noise_scales::{NoiseScales, ScalePair};
 use super::prior::Prior;
 use super::settings::{
     BiasRange, EDGES_BY_ONE_MAX, EDGES_MAX, LEVER_MAX_M, MEMBERS_MAX, NOISE_MIN, POSES_MAX,
@@ -56,6 +56,8 @@ pub(super) struct Member {
     pub(super) biases: Biases,
     pub(super) doubt: Doubt,
     pub(super) odometry: OdometryDoubt,
+    /// How many times as noisy its odometry is as everybody's.
+    pub(super) scale: ScalePair,
     pub(super) misplaced: Misplaced,
     pub(super) relative: Option<RelativeEstimate>,
 }
@@ -77,8 +79,8 @@ pub(super) struct Window {
     pub(super) tested: Vec<MeasuredEdge>,
     pub(super) prior: Prior,
     next_id: u64,
-    /// Between whom measurements are used; everybody while they are few.
-    kept: Option<BTreeSet<VehicleId>>,
+    /// Between whom measurements are used, the smaller id first; everybody while they are few.
+    kept: Option<BTreeSet<(VehicleId, VehicleId)>>,
     pub(super) own_estimate: Option<PoseEstimate>,
     pub(super) evicted: u64,
     /// Rounds for which distances lengthen the window.
@@ -333,6 +335,7 @@ impl Window {
             biases: Biases::new(&bias),
             doubt: Doubt::default(),
             odometry: OdometryDoubt::default(),
+            scale: ScalePair::of_one(),
             misplaced: Misplaced::default(),
             relative: None,
         };
@@ -356,14 +359,7 @@ impl Window {
         if !is_usable(observation) || !is_lever(&observation.from_end) {
             return Err(Unused::Unusable);
         }
-        // Whoever is not located yet may be near.
-        let is_one_of = |kept: &BTreeSet<VehicleId>, vehicle: &VehicleId| {
-            kept.contains(vehicle) || !self.members.contains_key(vehicle)
-        };
-        let is_kept = |kept: &BTreeSet<VehicleId>| {
-            is_one_of(kept, &from.vehicle) && is_one_of(kept, &to.vehicle)
-        };
-        if !self.kept.as_ref().is_none_or(is_kept) {
+        if !self.is_kept(from.vehicle, to.vehicle) {
             return Err(Unused::LeftOut);
         }
         self.locate_by(from, to, observation)?;
@@ -642,8 +638,8 @@ impl Window {
             1.0
         };
         let factors = (
-            scales.odometry.rotation() * inflated,
-            scales.odometry.translation() * inflated,
+            scales.odometry.rotation() * member.scale.rotation() * inflated,
+            scales.odometry.translation() * member.scale.translation() * inflated,
         );
         Stretch {
             earlier: &earlier.point,
@@ -695,32 +691,43 @@ impl Window {
         self.kept = self.nearest();
     }
 
-    /// Between whom measurements are used: this vehicle and the nearest of those present, when there are more.
-    fn nearest(&self) -> Option<BTreeSet<VehicleId>> {
+    /// Whether what two vehicles measure of each other is used. Whoever is not located yet may be near.
+    fn is_kept(&self, a: VehicleId, b: VehicleId) -> bool {
+        let located = |vehicle| self.members.contains_key(&vehicle);
+        let kept = self.kept.as_ref();
+        kept.is_none_or(|kept| kept.contains(&pair(a, b)) || !located(a) || !located(b))
+    }
+
+    /// Between whom measurements are used, when there are many: each vehicle and those that are nearest to it. So every
+    /// vehicle keeps its best, the team stays connected, and measurements grow with their number, not its square.
+    fn nearest(&self) -> Option<BTreeSet<(VehicleId, VehicleId)>> {
         if self.members.len() <= self.settings.nearest + 1 {
             return None;
         }
-        let own = self.newest_of(self.own)?;
-        let mut others: Vec<(f64, VehicleId)> = self
-            .members
-            .keys()
-            .filter(|vehicle| **vehicle != self.own)
+        let now = self.newest_round()?;
+        let members = self.members.keys();
+        let places: Vec<(VehicleId, Vector3<f64>)> = members
             .filter_map(|vehicle| self.newest_of(*vehicle))
-            .filter(|pose| own.instant - pose.instant <= self.period * PRESENT_ROUNDS)
-            .map(|pose| {
-                let apart = pose.world_from_body.translation - own.world_from_body.translation;
-                (apart.norm(), pose.vehicle)
-            })
+            .filter(|pose| now - pose.instant <= self.period * PRESENT_ROUNDS)
+            .map(|pose| (pose.vehicle, pose.world_from_body.translation))
             .collect();
-        others.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let nearest = others.into_iter().take(self.settings.nearest);
-        Some(
-            nearest
-                .map(|(_, vehicle)| vehicle)
-                .chain([self.own])
-                .collect(),
-        )
+        let mut kept = BTreeSet::new();
+        for (vehicle, place) in &places {
+            let others = places.iter().filter(|(other, _)| other != vehicle);
+            let mut others: Vec<(f64, VehicleId)> = others
+                .map(|(other, elsewhere)| ((elsewhere - place).norm(), *other))
+                .collect();
+            others.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            let nearest = others.into_iter().take(self.settings.nearest);
+            kept.extend(nearest.map(|(_, other)| pair(*vehicle, other)));
+        }
+        Some(kept)
     }
+}
+
+/// Two vehicles in one order.
+fn pair(a: VehicleId, b: VehicleId) -> (VehicleId, VehicleId) {
+    (a.min(b), a.max(b))
 }
 
 /// Whether a pose of the window can be followed.

@@ -61,6 +61,7 @@ fn team_without_a_place(flight: &Flight, lag: u32) -> Team {
     let settings = Settings {
         lag: Lag {
             usual: lag,
+            several: lag,
             distances: lag,
             few: lag,
             many: lag,

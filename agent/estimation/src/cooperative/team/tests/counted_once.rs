@@ -2,7 +2,7 @@
 
 use super::*;
 
-const ROUNDS: usize = 12;
+const ROUNDS: usize = 16;
 
 fn flight() -> Flight {
     Flight::fly(SEED, &Conditions::good(4, ROUNDS))
@@ -64,13 +64,15 @@ fn what_comes_after_its_round_has_left_counts_no_more() {
         flight.team(Settings::DEFAULT),
         flight.team(Settings::DEFAULT),
     );
+    let gone = Settings::DEFAULT.lag.several as usize + 3;
+    assert!(ROUNDS > gone + 1, "something must come too late");
     for round in 1..ROUNDS {
         flight.hear(&mut once, round);
         flight.hear(&mut late, round);
-        if round > 6 {
-            for sighting in &flight.sightings[round - 6] {
+        if round > gone {
+            for sighting in &flight.sightings[round - gone] {
                 assert_eq!(
-                    flight.tell(&mut late, sighting, round - 6),
+                    flight.tell(&mut late, sighting, round - gone),
                     Err(Unused::TooLate)
                 );
             }
