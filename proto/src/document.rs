@@ -1,9 +1,11 @@
 //! What people and tools read in JSON: the estimate, the health and the description of a vehicle.
 
 mod covariance;
+mod mutual;
 mod team;
 
 pub use covariance::CovarianceDocument;
+pub use mutual::{FeatureDocument, MutualDocument, MutualHealth, MutualStatus, ReducedDocument};
 pub use team::{NoiseScales, TeamHealth, TeamMemberHealth};
 
 use crate::faults::LinkCount;
@@ -31,6 +33,9 @@ pub struct EstimateDocument {
     pub covariance: Option<CovarianceDocument>,
     /// Where the neighbours are, in this vehicle's body frame.
     pub neighbours: Vec<NeighbourDocument>,
+    /// The robots that the camera saw last, and who they may be.
+    #[serde(skip_serializing_if = "Vec::is_empty", default)]
+    pub features: Vec<FeatureDocument>,
     /// When there is no estimate: why, and what to do.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub why: Option<String>,
@@ -71,6 +76,9 @@ pub struct NeighbourDocument {
     pub pose: Option<PoseDocument>,
     /// Covariance of that pose, when an estimator supplies one that was tested.
     pub covariance: Option<CovarianceDocument>,
+    /// Where it is by anonymous bearings; absent where this vehicle has no camera and no inertial sensor for that.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub mutual: Option<MutualDocument>,
 }
 
 /// JSON of `state/health`.
@@ -90,6 +98,9 @@ pub struct HealthDocument {
     pub why: Option<String>,
     /// The estimator's rounds.
     pub rounds: RoundsHealth,
+    /// Localisation by anonymous bearings; absent without an inertial sensor.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub mutual: Option<MutualHealth>,
     /// One entry a configured sensor.
     pub sensors: BTreeMap<String, SensorHealth>,
     /// One entry a vehicle that was heard or announced.

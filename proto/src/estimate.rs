@@ -2,7 +2,9 @@
 
 use crate::check;
 use crate::codec::{Body, DecodeError};
-use crate::limits::{ESTIMATE_BYTES_MAX, NEIGHBOURS_MAX, RATE_MAX_RAD_S, SPEED_MAX_M_S};
+use crate::limits::{
+    ESTIMATE_BYTES_MAX, NEIGHBOURS_MAX, RATE_MAX_RAD_S, ROTATION_VECTOR_MAX_RAD, SPEED_MAX_M_S,
+};
 use serde::{Deserialize, Serialize};
 
 /// Body of a reply on `state/estimate` to a query that asks for `encoding=postcard`. The envelope's time is when the
@@ -19,6 +21,8 @@ pub struct Estimate {
     pub covariance: Option<Covariance>,
     /// Where the neighbours are.
     pub neighbours: Vec<NeighbourEstimate>,
+    /// Where they are by anonymous bearings. Since version 1.2.
+    pub mutual: Vec<MutualEstimate>,
 }
 
 /// Velocity over the last odometry increment.
@@ -54,8 +58,39 @@ pub struct NeighbourEstimate {
     pub covariance: Option<Covariance>,
 }
 
+/// One neighbour as mutual localisation sees it, in this vehicle's level frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MutualEstimate {
+    /// Hash of its name.
+    #[serde(with = "crate::le")]
+    pub vehicle: u64,
+    /// At how many places it may be: 0 unknown, 1 converged, more ambiguous.
+    pub modes: u8,
+    /// When it was there, in microseconds after the envelope's time (negative: before).
+    #[serde(with = "crate::le")]
+    pub taken_offset_us: i32,
+    /// Probability that the feature that is held to be it is it.
+    pub identity_probability: f32,
+    /// Position (m), velocity (m/s), yaw (rad).
+    pub reduced: Option<[f64; 7]>,
+    /// Upper triangle of the covariance of that, row by row.
+    pub covariance: Option<MutualCovariance>,
+}
+
+/// Covariance of a reduced relative pose, named by its tangent. The tag leaves room for others.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum MutualCovariance {
+    /// Position (m), velocity (m/s), yaw (rad) in the level frame: upper triangle of the 7 x 7 matrix, row by row, in two
+    /// parts.
+    PositionVelocityYaw([f64; 14], [f64; 14]),
+}
+
 impl Body for Estimate {
     const BYTES_MAX: usize = ESTIMATE_BYTES_MAX;
+    fn appended_since(minor: u8) -> usize {
+        // What anonymous bearings say.
+        usize::from(minor < 2)
+    }
     fn check(&self) -> Result<(), DecodeError> {
         if let Some(pose) = &self.world_from_body {
             check::pose("estimate", pose)?;
@@ -78,6 +113,27 @@ impl Body for Estimate {
                 .covariance
                 .iter()
                 .try_for_each(Covariance::check)?;
+        }
+        check::at_most("mutual", &self.mutual, NEIGHBOURS_MAX)?;
+        self.mutual.iter().try_for_each(MutualEstimate::check)
+    }
+}
+
+impl MutualEstimate {
+    fn check(&self) -> Result<(), DecodeError> {
+        check::within(
+            "identity_probability",
+            &[self.identity_probability.into()],
+            1.0,
+        )?;
+        if let Some([x, y, z, vx, vy, vz, yaw_rad]) = self.reduced {
+            check::position("mutual position", &[x, y, z])?;
+            check::within("mutual velocity", &[vx, vy, vz], SPEED_MAX_M_S)?;
+            check::within("mutual yaw", &[yaw_rad], ROTATION_VECTOR_MAX_RAD)?;
+        }
+        if let Some(MutualCovariance::PositionVelocityYaw(first, second)) = &self.covariance {
+            check::finite("mutual covariance", first)?;
+            check::finite("mutual covariance", second)?;
         }
         Ok(())
     }

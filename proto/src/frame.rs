@@ -4,7 +4,9 @@
 //! postcard form. Times are nanoseconds of UNIX time at the moment the reading was *taken*.
 
 use crate::codec::DecodeError;
-use crate::limits::{FEATURES_PER_FRAME_MAX, FRAME_BYTES_MAX, RATE_MAX_RAD_S, SPEED_MAX_M_S};
+use crate::limits::{
+    ACCELERATION_MAX_M_S2, FEATURES_PER_FRAME_MAX, FRAME_BYTES_MAX, RATE_MAX_RAD_S, SPEED_MAX_M_S,
+};
 use crate::{VERSION_MAJOR, check, name::Name};
 use serde::{Deserialize, Serialize};
 
@@ -202,9 +204,6 @@ pub struct ImuFrame {
     pub force_sigma_m_s2: f64,
 }
 
-/// Largest specific force, in m/s^2.
-const FORCE_MAX_M_S2: f64 = 1e4;
-
 impl Frame {
     /// Decodes a frame in either form. Fails with the reason; never panics.
     pub fn decode(bytes: &[u8]) -> Result<Self, DecodeError> {
@@ -399,7 +398,7 @@ impl ImuFrame {
         check::within(
             "specific_force_m_s2",
             &self.specific_force_m_s2,
-            FORCE_MAX_M_S2,
+            ACCELERATION_MAX_M_S2,
         )?;
         check::sigma("rate_sigma_rad_s", self.rate_sigma_rad_s)?;
         check::sigma("force_sigma_m_s2", self.force_sigma_m_s2)

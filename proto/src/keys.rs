@@ -29,6 +29,11 @@ pub enum Key {
         /// Whose.
         of: Name,
     },
+    /// `{vehicle}/x/relay`: rounds of others, repeated.
+    Relay {
+        /// Who repeats them.
+        from: Name,
+    },
     /// `{vehicle}/x/features`: the anonymous feature set.
     Features {
         /// Sender.
@@ -134,6 +139,9 @@ impl Key {
             [of, "x", "backlog"] => Self::Backlog {
                 of: Name::parse(of)?,
             },
+            [from, "x", "relay"] => Self::Relay {
+                from: Name::parse(from)?,
+            },
             [from, "x", "features"] => Self::Features {
                 from: Name::parse(from)?,
             },
@@ -202,6 +210,7 @@ impl fmt::Display for Key {
             Self::Exchange { from, to } => write!(f, "{from}/x/exchange/{to}"),
             Self::Odometry { from } => write!(f, "{from}/x/odometry"),
             Self::Backlog { of } => write!(f, "{of}/x/backlog"),
+            Self::Relay { from } => write!(f, "{from}/x/relay"),
             Self::Features { from } => write!(f, "{from}/x/features"),
             Self::Estimate { of } => write!(f, "{of}/state/estimate"),
             Self::Health { of } => write!(f, "{of}/state/health"),
@@ -226,6 +235,14 @@ pub mod select {
     /// Round records of everybody.
     pub fn odometry(fleet: Name) -> String {
         format!("{fleet}/{VERSION_CHUNK}/*/x/odometry")
+    }
+    /// Anonymous feature sets of everybody.
+    pub fn features(fleet: Name) -> String {
+        format!("{fleet}/{VERSION_CHUNK}/*/x/features")
+    }
+    /// What anybody relays.
+    pub fn relays(fleet: Name) -> String {
+        format!("{fleet}/{VERSION_CHUNK}/*/x/relay")
     }
     /// Estimates of everybody.
     pub fn estimates(fleet: Name) -> String {
@@ -269,6 +286,7 @@ mod tests {
             Key::Exchange { from: v1, to: v2 },
             Key::Odometry { from: v1 },
             Key::Backlog { of: v1 },
+            Key::Relay { from: v1 },
             Key::Features { from: v1 },
             Key::Estimate { of: v1 },
             Key::Health { of: v1 },
@@ -306,6 +324,7 @@ mod tests {
                 "geese/@v1/v1/x/exchange/v2",
                 "geese/@v1/v1/x/odometry",
                 "geese/@v1/v1/x/backlog",
+                "geese/@v1/v1/x/relay",
                 "geese/@v1/v1/x/features",
                 "geese/@v1/v1/state/estimate",
                 "geese/@v1/v1/state/health",

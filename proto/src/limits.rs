@@ -2,8 +2,9 @@
 
 /// Longest body of a packet between vehicles; fits one datagram of a secured link without fragmentation.
 pub const PACKET_BYTES_MAX: usize = 1100;
-/// Longest estimate: own pose and [`NEIGHBOURS_MAX`] neighbours with covariances.
-pub const ESTIMATE_BYTES_MAX: usize = 8192;
+/// Longest estimate: own pose and [`NEIGHBOURS_MAX`] neighbours with covariances, once by each pipeline; what the access
+/// rules of a secured fleet let pass.
+pub const ESTIMATE_BYTES_MAX: usize = 16_000;
 /// Longest packet of a backlog: what the access rules of a secured fleet let pass.
 pub const BACKLOG_BYTES_MAX: usize = 16_000;
 /// Rounds in one packet of a backlog.
@@ -18,6 +19,8 @@ pub const MEASURED_PER_EXCHANGE_MAX: usize = 3;
 pub const ECHOES_PER_RECORD_MAX: usize = 4;
 /// Rounds in one record: the newest and the repeated ones.
 pub const ROUNDS_PER_RECORD_MAX: usize = 8;
+/// Rounds in one packet of a relay.
+pub const RELAYED_PER_PACKET_MAX: usize = 8;
 /// Measurements in one round of a record.
 pub const MEASURED_PER_ROUND_MAX: usize = 16;
 /// Absolute fixes in one record, those of repeated rounds included.
@@ -26,6 +29,8 @@ pub const FIXES_PER_RECORD_MAX: usize = 8;
 pub const NEIGHBOURS_MAX: usize = 32;
 /// Ranges or anonymous bearings in one driver frame.
 pub const FEATURES_PER_FRAME_MAX: usize = 32;
+/// Tracks in one anonymous feature set.
+pub const TRACKS_PER_SET_MAX: usize = 32;
 /// Largest coordinate, in metres: a continent away is a mistake, not a position.
 pub const COORDINATE_MAX_M: f64 = 1e7;
 /// Largest rotation vector, in radians: a rotation needs no more than pi.
@@ -34,6 +39,8 @@ pub const ROTATION_VECTOR_MAX_RAD: f64 = 3.2;
 pub const UNIT_TOLERANCE: f64 = 1e-6;
 /// Largest speed, in m/s.
 pub const SPEED_MAX_M_S: f64 = 1e4;
+/// Largest acceleration, in m/s^2.
+pub const ACCELERATION_MAX_M_S2: f64 = 1e4;
 /// Largest angular rate, in rad/s.
 pub const RATE_MAX_RAD_S: f64 = 1e3;
 /// Largest number of a covariance growth: a year of poor odometry (0.1 rad and 1 m, 400 times a second) at the edge of the

@@ -7,24 +7,30 @@ use skein_proto::anchor::Anchor;
 use skein_proto::backlog::{Backlog, BacklogRound};
 use skein_proto::codec::{Body, DecodeError, decode, encode};
 use skein_proto::envelope::{ENVELOPE_BYTES, Envelope};
-use skein_proto::estimate::{Covariance, Estimate, NeighbourEstimate, Velocity};
+use skein_proto::estimate::{
+    Covariance, Estimate, MutualCovariance, MutualEstimate, NeighbourEstimate, Velocity,
+};
 use skein_proto::exchange::{Echo, Exchange};
+use skein_proto::features::{Feature, FeatureSet, Integrals, Track, TrackNumber};
 use skein_proto::fixed::Fixed;
 use skein_proto::frame::{
     BearingsFrame, FixFrame, FixValue, Frame, ImuFrame, OdometryFrame, RangesFrame, RelativeFrame,
     RelativeValue, TargetRange,
 };
 use skein_proto::growth::Growth;
-use skein_proto::limits::FIXES_PER_RECORD_MAX;
+use skein_proto::limits::{FIXES_PER_RECORD_MAX, RELAYED_PER_PACKET_MAX};
 use skein_proto::measured::{Measured, MeasuredValue};
 use skein_proto::name::Name;
 use skein_proto::record::{Addressed, PeerEcho, Round, RoundFix, RoundRecord, Schedule};
+use skein_proto::relay::{Relay, RelayedRound};
 use skein_proto::status::Status;
 
 /// As version 1.0 said them.
 const GOLDEN_1_0: &str = include_str!("golden/messages.hex");
-/// Packets as version 1.1 says them; frames have no minor version.
+/// Packets as version 1.1 said them; frames have no minor version.
 const GOLDEN_1_1: &str = include_str!("golden/messages-1-1.hex");
+/// Packets as version 1.2 says them.
+const GOLDEN_1_2: &str = include_str!("golden/messages-1-2.hex");
 
 fn envelope() -> Envelope {
     Envelope {
@@ -213,6 +219,43 @@ fn backlog() -> Backlog {
     }
 }
 
+fn relay() -> Relay {
+    let BacklogRound {
+        taken_ns,
+        round,
+        fixes,
+    } = backlog().rounds.remove(1);
+    let RoundRecord { anchor, .. } = record_with_absolute_information();
+    let whole = RelayedRound {
+        of: Name::parse("v3").unwrap(),
+        boot: 0x1112_1314_1516_1718,
+        taken_ns,
+        clock_offset_ns: -1_500_000_000,
+        clock_error_ns: 700_000,
+        period_us: 200_000,
+        status: Status::Tracking.code(),
+        body_from_target: Some([0.0, 0.0, 0.0, 0.1, 0.0, 0.2]),
+        round,
+        fixes,
+        anchor,
+    };
+    let bare = RelayedRound {
+        of: Name::parse("v4").unwrap(),
+        body_from_target: None,
+        round: Round {
+            measured: vec![],
+            ..whole.round.clone()
+        },
+        fixes: vec![],
+        anchor: None,
+        ..whole.clone()
+    };
+    Relay {
+        sent_ns: 1_800_000_000_201_000_000,
+        rounds: vec![whole, bare],
+    }
+}
+
 fn estimate() -> Estimate {
     let covariance = Some(Covariance::BodyTwistRotationFirst(std::array::from_fn(
         |i| i as f64,
@@ -231,6 +274,68 @@ fn estimate() -> Estimate {
             taken_offset_us: -100_000,
             body_from_neighbour: Some(POSE),
             covariance,
+        }],
+        mutual: vec![],
+    }
+}
+
+fn estimate_by_bearings() -> Estimate {
+    let numbers = std::array::from_fn(|n| n as f64 * 0.125);
+    let neighbour = MutualEstimate {
+        vehicle: Name::parse("v2").unwrap().hash(),
+        modes: 1,
+        taken_offset_us: -30_000,
+        identity_probability: 0.875,
+        reduced: Some([1.0, 2.0, 3.0, 0.1, 0.2, 0.3, -3.0]),
+        covariance: Some(MutualCovariance::PositionVelocityYaw(numbers, numbers)),
+    };
+    let unknown = MutualEstimate {
+        vehicle: Name::parse("v3").unwrap().hash(),
+        modes: 0,
+        taken_offset_us: 0,
+        identity_probability: 0.0,
+        reduced: None,
+        covariance: None,
+    };
+    Estimate {
+        mutual: vec![neighbour, unknown],
+        ..estimate()
+    }
+}
+
+fn feature_set() -> FeatureSet {
+    FeatureSet {
+        sent_ns: 1_800_000_000_201_000_000,
+        roll_rad: 0.1,
+        pitch_rad: -0.2,
+        yaw_rate_rad_s: 0.3,
+        acceleration_m_s2: [0.1, 0.2, 9.8],
+        integrals: Integrals {
+            elapsed_s: 12.5,
+            yaw_rad: -7.0,
+            velocity_m_s: [0.1, 0.2, 0.3],
+            position_m: [1.0, 2.0, 3.0],
+        },
+        features: vec![
+            Feature {
+                azimuth_rad: 3.0,
+                zenith_rad: 1.5,
+                sigma_rad: 0.0625,
+                track: Some(TrackNumber(258)),
+            },
+            Feature {
+                azimuth_rad: -3.0,
+                zenith_rad: 0.5,
+                sigma_rad: 0.0625,
+                track: None,
+            },
+        ],
+        tracks: vec![Track {
+            number: TrackNumber(258),
+            azimuth_rad: -1.0,
+            zenith_rad: 1.5,
+            variance_rad2: 0.0009765625,
+            confirmed: 1,
         }],
     }
 }
@@ -396,6 +501,12 @@ fn packets() -> Vec<(&'static str, Vec<u8>)> {
             encode(envelope(), &record_with_absolute_information()).unwrap(),
         ),
         ("backlog", encode(envelope(), &backlog()).unwrap()),
+        ("feature set", encode(envelope(), &feature_set()).unwrap()),
+        (
+            "estimate by bearings",
+            encode(envelope(), &estimate_by_bearings()).unwrap(),
+        ),
+        ("relay", encode(envelope(), &relay()).unwrap()),
     ]
 }
 
@@ -408,7 +519,7 @@ fn no_golden_byte_has_changed() {
             .collect()
     };
     const CHANGED: &str = "the wire format changed; what is pinned may only be appended to";
-    assert_eq!(text(packets()), GOLDEN_1_1, "{CHANGED}");
+    assert_eq!(text(packets()), GOLDEN_1_2, "{CHANGED}");
     let frames = frames().into_iter();
     let frames = text(frames.map(|(name, frame)| (name, frame.encode())).collect());
     assert!(GOLDEN_1_0.ends_with(&frames), "{CHANGED}");
@@ -416,19 +527,33 @@ fn no_golden_byte_has_changed() {
 
 #[test]
 fn a_packet_of_the_version_before_differs_by_what_was_appended_only() {
-    for (name, appended) in [
+    let since_1_0 = [
         ("exchange with one pose", 0),
         ("exchange of a restarted vehicle", 0),
         ("exchange with three kinds", 0),
         ("round record", 2),
         ("estimate", 0),
-    ] {
-        let mut before = bytes_of(GOLDEN_1_0, name);
-        before[1] = VERSION_MINOR;
-        before.extend(vec![0; appended]);
-        let body_bytes = u16::try_from(before.len() - ENVELOPE_BYTES).unwrap();
-        before[2..4].copy_from_slice(&body_bytes.to_le_bytes());
-        assert_eq!(hex(&before), hex(&bytes_of(GOLDEN_1_1, name)), "{name}");
+    ];
+    let since_1_1 = [
+        ("exchange with one pose", 0),
+        ("round record", 0),
+        ("round record with absolute information", 0),
+        ("backlog", 0),
+        ("estimate", 1),
+    ];
+    let versions = [
+        (GOLDEN_1_0, 1, GOLDEN_1_1, &since_1_0),
+        (GOLDEN_1_1, 2, GOLDEN_1_2, &since_1_1),
+    ];
+    for (older, minor, newer, messages) in versions {
+        for (name, appended) in messages {
+            let mut before = bytes_of(older, name);
+            before[1] = minor;
+            before.extend(vec![0; *appended]);
+            let body_bytes = u16::try_from(before.len() - ENVELOPE_BYTES).unwrap();
+            before[2..4].copy_from_slice(&body_bytes.to_le_bytes());
+            assert_eq!(hex(&before), hex(&bytes_of(newer, name)), "{name}");
+        }
     }
 }
 
@@ -455,7 +580,7 @@ fn a_record_of_the_version_before_has_all_its_own_fields_and_nothing_behind_them
 
 #[test]
 fn golden_bytes_decode_to_what_was_encoded() {
-    for golden in [GOLDEN_1_0, GOLDEN_1_1] {
+    for golden in [GOLDEN_1_0, GOLDEN_1_1, GOLDEN_1_2] {
         let bytes_of = |wanted| bytes_of(golden, wanted);
         let (head, exchange) = decode::<Exchange>(&bytes_of("exchange with one pose")).unwrap();
         assert_eq!(
@@ -478,16 +603,28 @@ fn golden_bytes_decode_to_what_was_encoded() {
             estimate()
         );
     }
-    let absolute = bytes_of(GOLDEN_1_1, "round record with absolute information");
+    for golden in [GOLDEN_1_1, GOLDEN_1_2] {
+        let absolute = bytes_of(golden, "round record with absolute information");
+        assert_eq!(
+            decode::<RoundRecord>(&absolute).unwrap().1,
+            record_with_absolute_information()
+        );
+        assert_eq!(
+            decode::<Backlog>(&bytes_of(golden, "backlog")).unwrap().1,
+            backlog()
+        );
+    }
     assert_eq!(
-        decode::<RoundRecord>(&absolute).unwrap().1,
-        record_with_absolute_information()
-    );
-    assert_eq!(
-        decode::<Backlog>(&bytes_of(GOLDEN_1_1, "backlog"))
+        decode::<FeatureSet>(&bytes_of(GOLDEN_1_2, "feature set"))
             .unwrap()
             .1,
-        backlog()
+        feature_set()
+    );
+    assert_eq!(
+        decode::<Estimate>(&bytes_of(GOLDEN_1_2, "estimate by bearings"))
+            .unwrap()
+            .1,
+        estimate_by_bearings()
     );
     for (name, frame) in frames() {
         assert_eq!(Frame::decode(&bytes_of(GOLDEN_1_0, name)).unwrap(), frame);
@@ -557,6 +694,38 @@ fn a_backlog_is_in_order_and_bounded() {
     assert!(rounds(100).is_ok());
     let (field, count, max) = ("rounds", 101, 100);
     assert_eq!(rounds(101), Err(DecodeError::TooMany { field, count, max }));
+}
+
+#[test]
+fn a_relay_is_bounded_and_holds_whole_rounds_only() {
+    let wrong = |change: fn(&mut Relay)| {
+        let mut relay = relay();
+        change(&mut relay);
+        encode(envelope(), &relay).map_err(|error| error.0)
+    };
+    let out_of_range = |field| Err(DecodeError::OutOfRange { field });
+    let back = wrong(|relay| relay.rounds[0].round.back = 1);
+    assert_eq!(back, out_of_range("rounds: back"));
+    let negative = wrong(|relay| relay.rounds[0].clock_error_ns = -1);
+    assert_eq!(negative, out_of_range("clock_error_ns"));
+    let bare = relay().rounds.remove(1);
+    let with = |count| Relay {
+        sent_ns: 1,
+        rounds: vec![bare.clone(); count],
+    };
+    let too_many = encode(envelope(), &with(RELAYED_PER_PACKET_MAX + 1)).map_err(|error| error.0);
+    assert_eq!(
+        too_many,
+        Err(DecodeError::TooMany {
+            field: "rounds",
+            count: RELAYED_PER_PACKET_MAX + 1,
+            max: RELAYED_PER_PACKET_MAX
+        })
+    );
+    // So many are short enough for a datagram only if they are few.
+    assert!(encode(envelope(), &with(4)).is_ok());
+    let too_long = encode(envelope(), &with(RELAYED_PER_PACKET_MAX)).map_err(|error| error.0);
+    assert!(matches!(too_long, Err(DecodeError::TooLong { .. })));
 }
 
 #[test]
@@ -652,7 +821,7 @@ proptest! {
 
     #[test]
     fn no_mutation_of_a_packet_makes_decoding_panic(
-        which in 0..7usize,
+        which in 0..10usize,
         flips in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8),
         cut in any::<prop::sample::Index>(),
         shorten in any::<bool>(),
@@ -665,7 +834,7 @@ proptest! {
         if shorten {
             packet.truncate(cut.index(packet.len()));
         }
-        let _ = (decode::<Exchange>(&packet), decode::<RoundRecord>(&packet), decode::<Backlog>(&packet), decode::<Estimate>(&packet), Frame::decode(&packet));
+        let _ = (decode::<Exchange>(&packet), decode::<RoundRecord>(&packet), decode::<Backlog>(&packet), decode::<Estimate>(&packet), decode::<FeatureSet>(&packet), decode::<Relay>(&packet), Frame::decode(&packet));
         if let Ok((_, exchange)) = decode::<Exchange>(&packet) {
             prop_assert!(exchange.prior.iter().flatten().all(|n| n.is_finite()));
         }
@@ -673,6 +842,6 @@ proptest! {
 
     #[test]
     fn no_bytes_make_decoding_panic(bytes in proptest::collection::vec(any::<u8>(), 0..400)) {
-        let _ = (decode::<Exchange>(&bytes), decode::<RoundRecord>(&bytes), decode::<Backlog>(&bytes), decode::<Estimate>(&bytes), Frame::decode(&bytes));
+        let _ = (decode::<Exchange>(&bytes), decode::<RoundRecord>(&bytes), decode::<Backlog>(&bytes), decode::<Estimate>(&bytes), decode::<FeatureSet>(&bytes), decode::<Relay>(&bytes), Frame::decode(&bytes));
     }
 }
