@@ -20,7 +20,9 @@ use crate::reception::Reception;
 use crate::record::{RecordError, Recorder};
 use crate::refusals::Refusals;
 use crate::settings::{DriverSettings, Settings};
+use crate::work::{self, WORK_MAX};
 use crate::worker::Worker;
+use skein_estimation::mutual::Work;
 use skein_proto::document::{HealthDocument, InfoDocument};
 use skein_proto::faults::{Faults, FaultsError};
 use skein_proto::name::Name;
@@ -37,6 +39,7 @@ pub struct Agent {
     inbox: Inbox,
     outbox: Queue<outbox::Outgoing>,
     questions: Queue<Question>,
+    work: Queue<Box<Work>>,
     faults: Option<FaultFilter>,
     published: Published,
     senders: BTreeMap<Name, FrameSender>,
@@ -128,6 +131,7 @@ impl Agent {
             inbox,
             outbox: Queue::new(OUTBOX_MAX, WhenFull::DropOldest),
             questions: Queue::new(QUERIES_MAX, WhenFull::DropNewest),
+            work: Queue::new(WORK_MAX, WhenFull::DropOldest),
             faults,
             published: Published::new(vehicle.info()),
             senders,
@@ -142,12 +146,14 @@ impl Agent {
             clock: settings.clock,
             inbox: agent.inbox.clone(),
             outbox: agent.outbox.clone(),
+            work: agent.work.clone(),
             published: agent.published.clone(),
             process: Process {
                 life: agent.life.clone(),
                 inbox: agent.inbox.clone(),
                 outbox: agent.outbox.clone(),
                 questions: agent.questions.clone(),
+                work: agent.work.clone(),
                 faults: agent.faults.clone(),
                 refusals,
                 log: recorder.as_ref().map(Recorder::health),
@@ -155,6 +161,9 @@ impl Agent {
             recorder,
             checkpoints,
         };
+        let (work, clock, inbox) = (agent.work.clone(), settings.clock, agent.inbox.clone());
+        let body = move || work::run(&work, &clock, &inbox);
+        agent.threads.push(thread("work", body)?);
         agent.worker = Some(thread("worker", move || worker.run(started))?);
         Ok(agent)
     }
@@ -299,6 +308,7 @@ impl Drop for Agent {
         }
         self.outbox.close();
         self.questions.close();
+        self.work.close();
         for thread in self.threads.drain(..) {
             join(thread);
         }

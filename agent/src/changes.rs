@@ -345,6 +345,7 @@ mod tests {
             velocity: None,
             covariance: None,
             neighbours: vec![],
+            features: vec![],
             why: why.map(str::to_owned),
         }
     }
@@ -372,6 +373,7 @@ mod tests {
             status: Status::Tracking,
             why: None,
             rounds: RoundsHealth::default(),
+            mutual: None,
             sensors: BTreeMap::from([("odometry".to_owned(), sensor)]),
             neighbours: BTreeMap::from([("v2".to_owned(), neighbour)]),
             refused: BTreeMap::new(),

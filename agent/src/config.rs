@@ -3,6 +3,7 @@
 
 mod cooperative;
 mod mistake;
+mod mutual;
 mod network;
 mod pose;
 mod sensor;
@@ -14,6 +15,7 @@ use crate::driver::replay;
 use crate::network::NetworkSettings;
 use crate::settings::{DriverSettings, FaultSettings, Settings, new_boot};
 use cooperative::RawCooperative;
+use mutual::RawMutual;
 use network::RawNetwork;
 use pose::{RawPose, check_pose, optional_pose};
 use sensor::{RawSensor, check_sensors};
@@ -77,6 +79,8 @@ struct RawConfig {
     sensor: Vec<RawSensor>,
     #[serde(default)]
     cooperative: RawCooperative,
+    #[serde(default)]
+    mutual: RawMutual,
     #[serde(default)]
     estimate: RawEstimate,
     network: Option<Spanned<RawNetwork>>,
@@ -182,10 +186,12 @@ impl RawConfig {
                 start: self.start.check()?,
                 mode: cooperative.mode,
                 optimiser: cooperative.optimiser,
+                mutual: self.mutual.check()?,
                 sensors,
                 body_from_target,
                 presence_timeout: cooperative.presence_timeout,
                 repeats: cooperative.repeats,
+                relay: cooperative.relay,
                 estimate_spacing: Span::from_secs_f64(1.0 / estimate_rate_hz),
             },
             drivers,

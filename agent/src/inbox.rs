@@ -235,6 +235,7 @@ impl Source {
             Input::SetPose { .. } => (LaneKind::Presence, Name::parse("operator").ok()?),
             // So is everybody who asks: their number is bounded before they come here.
             Input::Asked { .. } => (LaneKind::Presence, Name::parse("backlog").ok()?),
+            Input::Done { .. } => (LaneKind::Presence, Name::parse("work").ok()?),
             Input::Wake => return None,
         };
         Some(Self { lane, name })

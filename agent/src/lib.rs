@@ -35,6 +35,7 @@ mod session;
 pub mod settings;
 pub mod solve;
 pub mod verify;
+mod work;
 mod worker;
 
 pub use agent::{Agent, StartError};

@@ -8,6 +8,7 @@ use crate::queries::Question;
 use crate::queue::Queue;
 use crate::record::LogHealth;
 use crate::refusals::Refusals;
+use skein_estimation::mutual::Work;
 use skein_proto::document::{HealthDocument, ProcessHealth};
 use zenoh::Wait;
 
@@ -16,6 +17,7 @@ pub(crate) struct Process {
     pub(crate) inbox: Inbox,
     pub(crate) outbox: Queue<Outgoing>,
     pub(crate) questions: Queue<Question>,
+    pub(crate) work: Queue<Box<Work>>,
     pub(crate) faults: Option<FaultFilter>,
     pub(crate) refusals: Refusals,
     pub(crate) log: Option<LogHealth>,
@@ -45,6 +47,7 @@ impl Process {
         process
             .queues
             .insert("queries".to_owned(), self.questions.health());
+        process.queues.insert("work".to_owned(), self.work.health());
         if let Some(faults) = &self.faults {
             process.queues.insert("delayed".to_owned(), faults.queue());
         }

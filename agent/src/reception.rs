@@ -43,6 +43,8 @@ impl Reception {
         for selector in [
             select::exchanges_to(self.fleet, self.vehicle),
             select::odometry(self.fleet),
+            select::features(self.fleet),
+            select::relays(self.fleet),
         ] {
             let reception = self.clone();
             session

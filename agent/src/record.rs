@@ -16,7 +16,10 @@ use skein_estimation::transform::Transform;
 use skein_proto::document::QueueHealth;
 use skein_proto::keys::boot_text;
 use skein_proto::name::Name;
-use skein_vehicle::{Checkpoint, Config, Input, Output, PacketKey, SensorConfig, Start, ToldPose};
+use skein_vehicle::{
+    Checkpoint, Config, Input, MutualConfig, MutualWay, Output, PacketKey, SensorConfig, Start,
+    ToldPose,
+};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufWriter;
@@ -28,7 +31,7 @@ use std::thread::JoinHandle;
 /// Steps that wait for the disk at most: some seconds of a busy vehicle.
 const STEPS_MAX: usize = 8_192;
 /// The name of this form of log.
-pub(crate) const FORMAT: &str = "skein-log 3";
+pub(crate) const FORMAT: &str = "skein-log 4";
 /// The metadata record and the channels.
 pub(crate) const METADATA: &str = "skein";
 pub(crate) const INPUT: &str = "input";
@@ -62,6 +65,7 @@ pub(crate) enum OutputRecord {
     Checkpoint { bytes: Vec<u8> },
     Ask { to: Name, boot: u64, since_ns: i64 },
     Answer { query: u64, packets: Vec<Vec<u8>> },
+    Work { number: u64 },
 }
 
 impl OutputRecord {
@@ -88,6 +92,9 @@ impl OutputRecord {
                 to: *to,
                 boot: *boot,
                 since_ns: *since_ns,
+            },
+            Output::Work(work) => Self::Work {
+                number: work.number(),
             },
             Output::Answer { query, packets } => Self::Answer {
                 query: *query,
@@ -127,10 +134,12 @@ pub(crate) struct Header {
     start: StartRecord,
     mode: ModeRecord,
     optimiser: OptimiserRecord,
+    mutual: MutualRecord,
     sensors: Vec<(Name, String, Pose)>,
     body_from_target: Pose,
     presence_timeout_ns: i64,
     repeats: u64,
+    relay: bool,
     estimate_spacing_ns: i64,
 }
 
@@ -160,6 +169,12 @@ enum ModeRecord {
         narrowing: f64,
     },
     Team,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+struct MutualRecord {
+    published: bool,
+    bearings_to_cooperative: bool,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -199,6 +214,10 @@ impl Header {
             },
             mode: record_mode(&config.mode),
             optimiser: record_optimiser(&config.optimiser),
+            mutual: MutualRecord {
+                published: config.mutual.way == MutualWay::Published,
+                bearings_to_cooperative: config.mutual.bearings_to_cooperative,
+            },
             sensors: config
                 .sensors
                 .iter()
@@ -207,6 +226,7 @@ impl Header {
             body_from_target: record_pose(&config.body_from_target),
             presence_timeout_ns: config.presence_timeout.as_nanos(),
             repeats: config.repeats as u64,
+            relay: config.relay,
             estimate_spacing_ns: config.estimate_spacing.as_nanos(),
         }
     }
@@ -233,6 +253,14 @@ impl Header {
             },
             mode: read_mode(&self.mode),
             optimiser: read_optimiser(&self.optimiser),
+            mutual: MutualConfig {
+                way: if self.mutual.published {
+                    MutualWay::Published
+                } else {
+                    MutualWay::Persistent
+                },
+                bearings_to_cooperative: self.mutual.bearings_to_cooperative,
+            },
             sensors: self
                 .sensors
                 .iter()
@@ -245,6 +273,7 @@ impl Header {
             body_from_target: read_pose(&self.body_from_target),
             presence_timeout: Span::from_nanos(self.presence_timeout_ns),
             repeats: usize::try_from(self.repeats).unwrap_or(usize::MAX),
+            relay: self.relay,
             estimate_spacing: Span::from_nanos(self.estimate_spacing_ns),
         }
     }

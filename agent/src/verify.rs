@@ -2,9 +2,11 @@
 
 use crate::record::{FORMAT, Header, INPUT, InputRecord, METADATA, OUTPUT, OutputRecord, from_hex};
 use mcap::records::{Metadata, Record};
+use skein_estimation::mutual::{Done, Work};
 use skein_estimation::time::Stamp;
 use skein_proto::name::Name;
-use skein_vehicle::{Output, Vehicle};
+use skein_vehicle::{Input, Output, Vehicle};
+use std::collections::VecDeque;
 use std::path::Path;
 
 /// A log that was repeated.
@@ -88,6 +90,7 @@ pub fn verify(path: &Path) -> Result<Verified, VerifyError> {
             ended: false,
         },
         step: 0,
+        work: VecDeque::new(),
     };
     while let Some((input, outputs)) = log.next_step().map_err(foreign)? {
         repeated.verified.duration_ns = input.now_ns.saturating_sub(header.started_ns);
@@ -101,19 +104,32 @@ struct Repeated {
     vehicle: Vehicle,
     verified: Verified,
     step: u64,
+    /// The last computations that the vehicle asked for.
+    work: VecDeque<Box<Work>>,
 }
+
+/// A log may bring a computation's result so many later ones after it was asked for.
+const WORK_MAX: usize = 16;
 
 impl Repeated {
     fn step(&mut self, record: &InputRecord, recorded: &[OutputRecord]) -> Result<(), VerifyError> {
         let now = Stamp::from_nanos(record.now_ns);
         if let Some(input) = &record.input {
-            self.vehicle.handle(now, input.clone());
+            let mut input = input.clone();
+            if let Input::Done { number, done } = &mut input {
+                *done = self.run_work(*number);
+            }
+            self.vehicle.handle(now, input);
             self.verified.inputs += 1;
         }
         let mut computed = Vec::new();
         loop {
             let output = self.vehicle.poll();
             computed.push(OutputRecord::of(&output, self.verified.vehicle));
+            if let Output::Work(work) = &output {
+                self.work.push_front(work.clone());
+                self.work.truncate(WORK_MAX);
+            }
             if matches!(output, Output::WakeAt(_)) {
                 break;
             }
@@ -142,6 +158,14 @@ impl Repeated {
     }
 }
 
+impl Repeated {
+    /// Runs a computation again whose result the vehicle was given.
+    fn run_work(&self, number: u64) -> Option<Box<Done>> {
+        let work = self.work.iter().find(|work| work.number() == number)?;
+        Some(Box::new(work.run()))
+    }
+}
+
 fn describe(output: Option<&OutputRecord>) -> String {
     match output {
         None => "nothing".to_owned(),
@@ -154,6 +178,7 @@ fn describe(output: Option<&OutputRecord>) -> String {
         Some(OutputRecord::Ask { to, boot, since_ns }) => {
             format!("a question to {to}, boot {boot:016x}, for what came after {since_ns} ns")
         }
+        Some(OutputRecord::Work { number }) => format!("the computation {number}"),
         Some(OutputRecord::Answer { query, packets }) => {
             format!("an answer of {} packets to question {query}", packets.len())
         }

@@ -10,6 +10,7 @@ use crate::process::Process;
 use crate::published::{Published, PublishedEstimate};
 use crate::queue::Queue;
 use crate::record::{Recorder, Step};
+use skein_estimation::mutual::Work;
 use skein_estimation::time::{Span, Stamp};
 use skein_proto::backlog::Question;
 use skein_vehicle::{Input, Output, Vehicle};
@@ -20,6 +21,7 @@ pub(crate) struct Worker {
     pub(crate) clock: Clock,
     pub(crate) inbox: Inbox,
     pub(crate) outbox: Queue<Outgoing>,
+    pub(crate) work: Queue<Box<Work>>,
     pub(crate) published: Published,
     pub(crate) process: Process,
     pub(crate) recorder: Option<Recorder>,
@@ -96,6 +98,9 @@ impl Worker {
                 Output::Ask { to, boot, since_ns } => {
                     let question = Question { since_ns, boot };
                     self.outbox.push(Outgoing::Question { to, question });
+                }
+                Output::Work(work) => {
+                    self.work.push(work);
                 }
                 Output::Answer { query, packets } => {
                     self.outbox.push(Outgoing::Answer { query, packets });

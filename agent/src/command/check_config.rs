@@ -260,7 +260,7 @@ mod tests {
             "v1 of fleet skein",
             "at [0.0, 0.0, 0.0] m",
             "tags: driver zenoh, from skein/@v1/v1/@driver/tags; mount at [0.3, 0.0, 0.1] m, yaw pitch roll [20.0, 0.0, 0.0] deg",
-            "mode star, every 0.2 s",
+            "mode team, every 0.2 s",
             "127.0.0.1:7447",
             "on interface auto",
         ] {

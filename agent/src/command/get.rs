@@ -7,7 +7,7 @@ use super::sigma;
 use crate::clock::Clock;
 use crate::queries::About;
 use skein_estimation::time::Stamp;
-use skein_proto::document::{CovarianceDocument, EstimateDocument, PoseDocument};
+use skein_proto::document::{CovarianceDocument, EstimateDocument, MutualDocument, PoseDocument};
 use skein_proto::name::Name;
 
 /// An age beyond this is another clock (a recording, a simulation), not an age.
@@ -99,6 +99,9 @@ fn table(estimates: &[EstimateDocument], now: Stamp) -> String {
                 neighbour.pose.as_ref(),
                 neighbour.covariance.as_ref(),
             );
+            if let Some(mutual) = &neighbour.mutual {
+                let _ = writeln!(page, "{}", bearings_line(now, mutual));
+            }
         }
         if let Some(why) = &estimate.why {
             let _ = writeln!(page, "  {}", plain(why));
@@ -136,6 +139,22 @@ fn row(
             );
         }
     }
+}
+
+/// Where a neighbour is by anonymous bearings.
+fn bearings_line(now: Stamp, mutual: &MutualDocument) -> String {
+    let (words, age) = (mutual.words(), age(now, mutual.taken_ns));
+    let Some((pose, reduced)) = mutual.pose.as_ref().zip(mutual.reduced.as_ref()) else {
+        return format!("    by bearings        {words:<14} {age:>8}");
+    };
+    let [x, y, z] = pose.position_m;
+    let [yaw, pitch, roll] = pose.yaw_pitch_roll_deg;
+    let sigma_m = sigma::plus_minus(reduced.position_sigma_m(), 3);
+    let sigma_deg = sigma::plus_minus(reduced.yaw_sigma_rad().map(f64::to_degrees), 2);
+    format!(
+        "    by bearings      {words:<14} {age:>8} {x:>10.3} {y:>10.3} {z:>10.3} {sigma_m:>9} {yaw:>8.2} {pitch:>8.2} \
+         {roll:>8.2} {sigma_deg:>8}"
+    )
 }
 
 /// Seconds since something was taken.
@@ -180,7 +199,9 @@ mod tests {
                 taken_ns: None,
                 pose: None,
                 covariance: None,
+                mutual: None,
             }],
+            features: vec![],
             why: Some("nobody measures".to_owned()),
         }
     }

@@ -5,7 +5,9 @@ use super::observer::{Observer, ObserverArgs, WaitArgs};
 use super::output::{plain, print, print_json};
 use super::sigma::plus_minus;
 use crate::queries::About;
-use skein_proto::document::{HealthDocument, NeighbourHealth, TeamHealth, TeamMemberHealth};
+use skein_proto::document::{
+    HealthDocument, MutualHealth, NeighbourHealth, TeamHealth, TeamMemberHealth,
+};
 use skein_proto::name::Name;
 use skein_proto::status::Status;
 use std::collections::BTreeMap;
@@ -83,6 +85,9 @@ fn page(health: &HealthDocument) -> String {
     counters(&mut page, "  cut", &rounds.cut);
     if let Some(team) = &rounds.team {
         page.push_str(&team_lines(team));
+    }
+    if let Some(mutual) = &health.mutual {
+        page.push_str(&mutual_lines(mutual));
     }
     for (name, sensor) in &health.sensors {
         let age = sensor
@@ -166,6 +171,34 @@ fn team_lines(team: &TeamHealth) -> String {
         "\n  own pose: {position} m, {rotation} deg\n  noise scales: {}",
         scales.join(", ")
     );
+    lines
+}
+
+/// Localisation by anonymous bearings: the own attitude, and what was told and heard.
+fn mutual_lines(mutual: &MutualHealth) -> String {
+    let attitude = match (mutual.roll_deg, mutual.pitch_deg) {
+        (Some(roll), Some(pitch)) => format!(
+            "roll {roll:+.1}, pitch {pitch:+.1} deg{}",
+            if mutual.attitude_settled {
+                ""
+            } else {
+                " (settling)"
+            }
+        ),
+        _ => "no attitude".to_owned(),
+    };
+    let mut lines = format!(
+        "  bearings: {}, {attitude}, {} tracks, {} sets told, {} heard, {} bearings identified\n",
+        plain(&mutual.way),
+        mutual.tracks,
+        mutual.sets_told,
+        mutual.sets_heard,
+        mutual.bearings_identified
+    );
+    if let Some(why) = &mutual.why {
+        let _ = writeln!(lines, "    nobody located: {}", plain(why));
+    }
+    counters(&mut lines, "    cut", &mutual.cut);
     lines
 }
 
@@ -289,6 +322,7 @@ mod tests {
             status: Status::Unplaced,
             why: Some("nobody is located: give one vehicle a pose".to_owned()),
             rounds,
+            mutual: None,
             sensors: BTreeMap::new(),
             neighbours: BTreeMap::from([("v2".to_owned(), neighbour)]),
             refused: BTreeMap::new(),

@@ -15,6 +15,7 @@ pub(super) struct RawCooperative {
     mode: Option<Spanned<String>>,
     optimiser: Option<Spanned<String>>,
     repeats: Option<Spanned<usize>>,
+    relay: Option<bool>,
     presence_timeout_s: Option<Spanned<f64>>,
 }
 
@@ -25,6 +26,7 @@ pub(super) struct Cooperative {
     pub(super) mode: Mode,
     pub(super) optimiser: Optimiser,
     pub(super) repeats: usize,
+    pub(super) relay: bool,
     pub(super) presence_timeout: Span,
 }
 
@@ -91,6 +93,7 @@ impl RawCooperative {
             mode,
             optimiser,
             repeats,
+            relay: self.relay.unwrap_or(false),
             presence_timeout: Span::from_secs_f64(presence_timeout_s),
         })
     }

@@ -26,6 +26,11 @@ impl Anchor {
         Self { point, told }
     }
 
+    /// One that was told before.
+    pub(crate) const fn of(point: OdometryPoint, told: ToldPose) -> Self {
+        Self { point, told }
+    }
+
     /// As it crosses the wire.
     pub(crate) fn to_wire(self) -> anchor::Anchor {
         anchor::Anchor {

@@ -1,5 +1,5 @@
-//! A neighbour's clock: its stamps are another type until echoes of four time stamps each tell how far its clock is
-//! from ours. Echoes that queued do not move it, a single lie does not move it, and a step begins it anew.
+//! A neighbour's clock: its stamps are another type until echoes of four time stamps each, or a relay that has them, tell
+//! how far its clock is from ours. Echoes that queued do not move it, a single lie does not move it, and a step begins it anew.
 
 use std::collections::VecDeque;
 
@@ -126,9 +126,24 @@ pub(crate) struct PeerClock {
 impl PeerClock {
     /// Takes one echo.
     pub(crate) fn observe(&mut self, stamps: FourStamps) -> Observed {
-        let Some(sample) = Sample::of(&stamps) else {
+        Sample::of(&stamps).map_or(Observed::Impossible, |sample| self.take(sample))
+    }
+
+    /// Takes what somebody between the two of us told of this clock: by how much it is ahead of ours, and how far off that
+    /// can be. It is worth an echo whose round trip was twice that.
+    pub(crate) fn tell(&mut self, now: Stamp, offset: Span, error: Span) -> Observed {
+        let round_trip = error + error;
+        if error < Span::ZERO || round_trip > ROUND_TRIP_MAX {
             return Observed::Impossible;
-        };
+        }
+        self.take(Sample {
+            offset,
+            round_trip,
+            taken: now,
+        })
+    }
+
+    fn take(&mut self, sample: Sample) -> Observed {
         let now = sample.taken;
         if self.best.is_some_and(|best| !best.agrees(&sample, now)) {
             return self.doubt(sample);
@@ -266,6 +281,24 @@ mod tests {
             assert_eq!(observed, Observed::Taken);
         }
         clock
+    }
+
+    #[test]
+    fn what_a_relay_tells_is_worth_an_echo_and_two_words_that_contradict_it_are_a_step() {
+        let at = |millis| Stamp::default() + Span::millis(millis);
+        let mut clock = PeerClock::default();
+        for millis in [0, 200, 400, 600] {
+            assert_eq!(clock.offset(), None, "too few so far");
+            let told = clock.tell(at(millis), Span::secs(7), Span::millis(3));
+            assert_eq!(told, Observed::Taken);
+        }
+        assert_eq!(clock.offset(), Some(Span::secs(7)));
+        assert_eq!(clock.error_bound(at(600)), Some(Span::millis(3)));
+        let unbounded = clock.tell(at(800), Span::secs(7), Span::secs(3));
+        assert_eq!(unbounded, Observed::Impossible);
+        let mut nine = |millis| clock.tell(at(millis), Span::secs(9), Span::millis(3));
+        assert_eq!(nine(1_000), Observed::Doubted);
+        assert_eq!(nine(1_200), Observed::Stepped);
     }
 
     #[test]

@@ -25,6 +25,8 @@ pub struct Config {
     pub mode: Mode,
     /// How rounds are solved.
     pub optimiser: Optimiser,
+    /// How neighbours are located by anonymous bearings.
+    pub mutual: MutualConfig,
     /// The sensors whose frames are taken.
     pub sensors: Vec<SensorConfig>,
     /// Where others' sensors see this vehicle: its tag, its antenna.
@@ -33,8 +35,46 @@ pub struct Config {
     pub presence_timeout: Span,
     /// How many earlier rounds each round record repeats.
     pub repeats: usize,
+    /// Whether it repeats what it hears, for those who are out of its tellers' reach.
+    pub relay: bool,
     /// Shortest time between two published estimates.
     pub estimate_spacing: Span,
+}
+
+/// How neighbours are located by anonymous bearings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MutualConfig {
+    /// By which of the two ways.
+    pub way: MutualWay,
+    /// Whether a bearing whose neighbour is known is also a measurement of the cooperative pipeline.
+    pub bearings_to_cooperative: bool,
+}
+
+impl MutualConfig {
+    /// What a vehicle does that is told nothing of it.
+    pub const DEFAULT: Self = Self {
+        way: MutualWay::Persistent,
+        bearings_to_cooperative: true,
+    };
+}
+
+/// The two ways of mutual localisation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MutualWay {
+    /// Who is who is held over time, and all neighbours are estimated jointly.
+    Persistent,
+    /// As published: each moment's bearings are registered, and one particle filter a neighbour follows.
+    Published,
+}
+
+impl MutualWay {
+    /// One word for configurations and the health.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Persistent => "persistent",
+            Self::Published => "published",
+        }
+    }
 }
 
 /// One sensor: its name is the key of its driver, its mount is where it sits.

@@ -33,6 +33,8 @@ pub(crate) struct HeardRound {
     pub(crate) measured: Vec<Addressed>,
     /// What it knows of itself in the world.
     pub(crate) fixes: Vec<Fixed>,
+    /// Whether somebody else repeated it: such a round is not repeated again.
+    pub(crate) relayed: bool,
 }
 
 /// Where a neighbour was told to be, tied to its odometry.
@@ -64,7 +66,28 @@ impl HeardRound {
             growth_known: translate::growth(&round.growth).is_some(),
             measured: round.measured.clone(),
             fixes,
+            relayed: false,
         })
+    }
+
+    /// As its teller said it.
+    pub(crate) fn to_wire(&self) -> Round {
+        Round {
+            back: 0,
+            segment: self.point.segment,
+            odometry_from_body: self.point.odometry_from_body.to_numbers(),
+            growth: growth_to_wire(&self.point.growth, self.growth_known),
+            measured: self.measured.clone(),
+        }
+    }
+}
+
+/// A growth as its teller said it.
+fn growth_to_wire(growth: &Growth, is_known: bool) -> skein_proto::growth::Growth {
+    if is_known {
+        translate::growth_to_wire(growth)
+    } else {
+        skein_proto::growth::Growth::Unknown
     }
 }
 
@@ -85,6 +108,16 @@ impl HeardAnchor {
                 translation_sigma_m: f64::from(anchor.translation_sigma_m),
             },
         })
+    }
+}
+
+impl HeardAnchor {
+    /// As its teller said it.
+    pub(crate) fn to_wire(self) -> Anchor {
+        Anchor {
+            growth: growth_to_wire(&self.point.growth, self.growth_known),
+            ..crate::anchor::Anchor::of(self.point, self.told).to_wire()
+        }
     }
 }
 
@@ -153,6 +186,7 @@ mod tests {
             growth_known: true,
             measured: Vec::new(),
             fixes: Vec::new(),
+            relayed: false,
         }
     }
 

@@ -1,29 +1,37 @@
 //! Packets from other vehicles: decoded, laid to a boot and a round, and either kept or refused with a reason.
 
+use skein_estimation::mutual::FeatureSet;
 use skein_estimation::time::{Span, Stamp};
 use skein_proto::backlog::{Backlog, BacklogRound};
 use skein_proto::codec::{Body, decode};
 use skein_proto::envelope::Envelope;
 use skein_proto::exchange::{Echo, Exchange};
+use skein_proto::features;
 use skein_proto::name::Name;
 use skein_proto::record::RoundRecord;
+use skein_proto::relay::Relay;
 use skein_proto::status::Status;
 
 use crate::clock::{FourStamps, PeerStamp};
 use crate::heard_rounds::{HeardAnchor, HeardRound};
 use crate::input::PacketKey;
+use crate::mutual;
 use crate::neighbours::{EXCHANGES_MAX, HeardExchange, Neighbour, Neighbours};
 use crate::refused::Refused;
+use crate::relaying::{self, RelayClock};
 use crate::rounds::Horizon;
 use crate::sequence::{Kind, Novelty};
 use crate::speaking::SentStamps;
 use crate::translate;
 
 /// How far a packet's content may lie before its sending.
-const CONTENT_AGE_MAX: Span = Span::secs(10);
+pub(crate) const CONTENT_AGE_MAX: Span = Span::secs(10);
+
+/// How old a feature set may be: by then where its robots were tells nothing of where they are.
+const FEATURES_AGE_MAX: Span = Span::secs(1);
 
 /// How far ahead of our time it may lie, by the sender's clock as we know it.
-const AHEAD_MAX: Span = Span::secs(1);
+pub(crate) const AHEAD_MAX: Span = Span::secs(1);
 
 /// The word by which packets of a backlog are counted.
 const BACKLOG: &str = "backlog";
@@ -35,18 +43,22 @@ pub(crate) struct Listener<'a> {
     pub(crate) period: Span,
     pub(crate) horizon: Horizon,
     pub(crate) sent: &'a SentStamps,
+    /// Whether it can use what others repeat.
+    pub(crate) smooths: bool,
 }
 
-/// An exchange that was kept.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Heard {
-    pub(crate) from: Name,
-    pub(crate) round: i64,
+/// What somebody else has to act upon.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Heard {
+    /// An exchange that was kept for one of our rounds.
+    Exchange { from: Name, round: i64 },
+    /// A feature set, at its time on our clock.
+    Features { from: Name, set: Box<FeatureSet> },
 }
 
 impl Listener<'_> {
-    /// Takes one packet. An exchange that was kept for one of our rounds is told; refusals are counted with the sender
-    /// when it can be known, and given back when it cannot.
+    /// Takes one packet. An exchange that was kept for one of our rounds and a feature set are told; refusals are counted
+    /// with the sender when it can be known, and given back when it cannot.
     pub(crate) fn hear(
         &self,
         now: Stamp,
@@ -62,23 +74,32 @@ impl Listener<'_> {
         neighbour.counts.bytes += bytes.len() as u64;
         neighbour.counts.rate.count(now);
         let were_duplicates = neighbour.is_duplicated();
+        let mut repeated = None;
         let outcome = match key {
             PacketKey::Exchange { to, .. } if to != self.me => Err(Refused::NotForMe),
             PacketKey::Exchange { .. } => self
                 .hear_exchange(now, from, neighbour, bytes)
-                .map(|round| (Kind::Exchange.word(), Some(round))),
+                .map(|round| (Kind::Exchange.word(), Some(Heard::Exchange { from, round }))),
             PacketKey::Odometry { .. } => self
                 .hear_record(now, from, neighbour, bytes)
                 .map(|()| (Kind::Odometry.word(), None)),
+            PacketKey::Features { .. } => {
+                let set = self.hear_features(now, from, neighbour, bytes);
+                set.map(|set| (Kind::Features.word(), Some(Heard::Features { from, set })))
+            }
             PacketKey::Backlog { .. } => {
                 hear_backlog(now, from, neighbour, bytes).map(|()| (BACKLOG, None))
             }
+            PacketKey::Relay { .. } => self.hear_relay(now, from, neighbour, bytes).map(|relay| {
+                repeated = Some(relay);
+                (Kind::Relay.word(), None)
+            }),
         };
         let are_duplicates = neighbour.is_duplicated();
         let heard = match outcome {
-            Ok((word, round)) => {
+            Ok((word, heard)) => {
                 neighbour.counts.accepted.count(word);
-                round.map(|round| Heard { from, round })
+                heard
             }
             Err(why) => {
                 neighbour.counts.refused.refuse(&why);
@@ -86,6 +107,11 @@ impl Listener<'_> {
             }
         };
         neighbours.alarmed |= are_duplicates && !were_duplicates;
+        if let Some((clock, relay)) = repeated {
+            for relayed in &relay.rounds {
+                relaying::take(now, self.me, clock, neighbours, relayed)?;
+            }
+        }
         Ok(heard)
     }
 
@@ -104,6 +130,12 @@ impl Listener<'_> {
             }
             PacketKey::Odometry { .. } => {
                 open::<RoundRecord>(self.me, bytes).map(|(head, _)| (Kind::Odometry, head))
+            }
+            PacketKey::Features { .. } => {
+                open::<features::FeatureSet>(self.me, bytes).map(|(head, _)| (Kind::Features, head))
+            }
+            PacketKey::Relay { .. } => {
+                open::<Relay>(self.me, bytes).map(|(head, _)| (Kind::Relay, head))
             }
             // Nobody asks itself.
             PacketKey::Backlog { .. } => return Refused::Unasked,
@@ -234,6 +266,47 @@ impl Listener<'_> {
             }
         }
         Ok(())
+    }
+
+    fn hear_features(
+        &self,
+        now: Stamp,
+        from: Name,
+        neighbour: &mut Neighbour,
+        bytes: &[u8],
+    ) -> Result<Box<FeatureSet>, Refused> {
+        let (envelope, set) = open::<features::FeatureSet>(from, bytes)?;
+        let taken = plausible(envelope.taken_ns, set.sent_ns)?;
+        let said = Said::new(Kind::Features, &envelope, set.sent_ns, None);
+        self.admit(now, neighbour, &said)?;
+        let boot = neighbour.boot(envelope.boot);
+        let mine = boot.clock.to_mine(taken).ok_or(Refused::ClockUnknown)?;
+        if mine - now > AHEAD_MAX {
+            return Err(Refused::FromTheFuture);
+        }
+        if now - mine > FEATURES_AGE_MAX || boot.is_before_step(taken) {
+            return Err(Refused::TooLate);
+        }
+        Ok(Box::new(mutual::from_wire(&set, mine)))
+    }
+
+    /// Takes what somebody repeats, with what is known of his clock.
+    fn hear_relay(
+        &self,
+        now: Stamp,
+        from: Name,
+        neighbour: &mut Neighbour,
+        bytes: &[u8],
+    ) -> Result<(RelayClock, Relay), Refused> {
+        let (envelope, relay) = open::<Relay>(from, bytes)?;
+        if !self.smooths {
+            return Err(Refused::NoPipeline);
+        }
+        plausible(envelope.taken_ns, relay.sent_ns)?;
+        let said = Said::new(Kind::Relay, &envelope, relay.sent_ns, None);
+        self.admit(now, neighbour, &said)?;
+        let clock = RelayClock::of(&neighbour.boot(envelope.boot).clock, now)?;
+        Ok((clock, relay))
     }
 
     /// The door: who speaks, is it new, does it prove that its sender is alive, and is that one the vehicle? A packet
@@ -436,6 +509,7 @@ mod tests {
                 period: PERIOD,
                 horizon: rounds.horizon(now),
                 sent: &self.sent,
+                smooths: true,
             };
             let key = PacketKey::Odometry { from: name("v2") };
             let heard = listener.hear(now, &mut self.neighbours, key, bytes);

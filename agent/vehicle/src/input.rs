@@ -1,6 +1,7 @@
 //! What a vehicle is given: readings, packets, comings and goings, and the passing of time.
 
 use serde::{Deserialize, Serialize};
+use skein_estimation::mutual::Done;
 use skein_proto::keys::Key;
 use skein_proto::name::Name;
 
@@ -46,6 +47,14 @@ pub enum Input {
         /// How well the operator knows its translation: standard deviation per axis (m).
         translation_sigma_m: f64,
     },
+    /// A long computation that [`crate::Output::Work`] asked for has ended.
+    Done {
+        /// Its number.
+        number: u64,
+        /// What came of it. It is not written into input logs: whoever repeats one runs the computation again.
+        #[serde(skip)]
+        done: Option<Box<Done>>,
+    },
     /// Somebody asks for this vehicle's last rounds. It is answered by [`crate::Output::Answer`].
     Asked {
         /// The shell's number for the question.
@@ -72,9 +81,19 @@ pub enum PacketKey {
         /// Sender.
         from: Name,
     },
+    /// An anonymous feature set.
+    Features {
+        /// Sender.
+        from: Name,
+    },
     /// A reply to [`crate::Output::Ask`].
     Backlog {
         /// Who was asked.
+        from: Name,
+    },
+    /// Rounds of others, repeated.
+    Relay {
+        /// Who repeats them.
         from: Name,
     },
 }
@@ -85,7 +104,9 @@ impl PacketKey {
         match *key {
             Key::Exchange { from, to } => Some(Self::Exchange { from, to }),
             Key::Odometry { from } => Some(Self::Odometry { from }),
+            Key::Features { from } => Some(Self::Features { from }),
             Key::Backlog { of } => Some(Self::Backlog { from: of }),
+            Key::Relay { from } => Some(Self::Relay { from }),
             _ => None,
         }
     }
@@ -95,14 +116,20 @@ impl PacketKey {
         match *self {
             Self::Exchange { from, to } => Key::Exchange { from, to },
             Self::Odometry { from } => Key::Odometry { from },
+            Self::Features { from } => Key::Features { from },
             Self::Backlog { from } => Key::Backlog { of: from },
+            Self::Relay { from } => Key::Relay { from },
         }
     }
 
     /// Who sent it, as the key says.
     pub fn from(&self) -> Name {
         match *self {
-            Self::Exchange { from, .. } | Self::Odometry { from } | Self::Backlog { from } => from,
+            Self::Exchange { from, .. }
+            | Self::Odometry { from }
+            | Self::Features { from }
+            | Self::Backlog { from }
+            | Self::Relay { from } => from,
         }
     }
 }

@@ -9,6 +9,8 @@
 //! 4. When everybody has answered, or the round's time is up, `local_star` puts the round together for
 //!    `skein_estimation::cooperative`, or in mode `team` `smoothing` what everybody told of itself; the solution becomes
 //!    the new correction of the odometry.
+//!    Camera frames and inertial readings take another way: `mutual` levels them, tells everybody and locates who is in
+//!    sight.
 //! 5. `reporting` writes the estimate and the health; [`Vehicle::poll`] hands everything out ([`output`]).
 //!
 //! The drain rule: after every `handle`, call `poll` until it returns [`Output::WakeAt`]; call `handle` again with the
@@ -50,9 +52,11 @@ mod gathering;
 mod heard_rounds;
 mod hearing;
 mod local_star;
+mod mutual;
 mod neighbours;
 mod placing;
 mod refused;
+mod relaying;
 mod reporting;
 mod rounds;
 mod sensors;
@@ -64,7 +68,7 @@ mod translate;
 mod trust;
 
 pub use checkpoint::{Checkpoint, CheckpointError};
-pub use config::{Config, SensorConfig, Start};
+pub use config::{Config, MutualConfig, MutualWay, SensorConfig, Start};
 pub use input::{Input, PacketKey};
 pub use output::Output;
 pub use told_pose::ToldPose;

@@ -101,6 +101,8 @@ pub(crate) struct Boot {
     pub(crate) track: Track,
     /// Its raw rounds, on its own clock.
     pub(crate) rounds: HeardRounds,
+    /// When the last of them came from a relay.
+    pub(crate) relayed_at: Option<Stamp>,
     /// What is missing of them.
     pub(crate) asking: Asking,
     /// What it said of each of *our* rounds.
@@ -256,6 +258,15 @@ impl Neighbour {
         }
     }
 
+    /// Says who of the boots is the vehicle, after a relay told of one: as it proves nothing, only in the place of nobody or
+    /// of one that has been silent for so long that it is gone.
+    pub(crate) fn settle_relayed(&mut self, now: Stamp, told: u64) {
+        let is_gone = |current: &Boot| current.life.is_silent(now, SILENCE);
+        if self.current().is_none_or(is_gone) {
+            self.in_office = Some(told);
+        }
+    }
+
     /// Whether a packet of this boot is refused because two boots of this name are alive. Both are refused until no
     /// more than one is left, which begins again as if it were new.
     pub(crate) fn judge(&mut self, now: Stamp, heard: u64) -> Result<(), Refused> {
@@ -334,6 +345,12 @@ impl Neighbour {
     pub(crate) fn is_present(&self, now: Stamp, timeout: Span) -> bool {
         self.current()
             .is_some_and(|boot| boot.token && boot.heard_at.is_some_and(|at| now - at <= timeout))
+    }
+
+    /// Whether it is out of reach, but relays told of it within `timeout`.
+    pub(crate) fn is_relayed(&self, now: Stamp, timeout: Span) -> bool {
+        let lately = |boot: &Boot| boot.relayed_at.is_some_and(|at| now - at <= timeout);
+        !self.is_present(now, timeout) && self.current().is_some_and(lately)
     }
 
     /// Whether it was measured, or measured us, so lately that it is told everything each round.
@@ -437,6 +454,7 @@ impl Boot {
             body_from_target: Transform::identity(),
             track: Track::new(),
             rounds: HeardRounds::default(),
+            relayed_at: None,
             asking: Asking::default(),
             exchanges: BTreeMap::new(),
             last_round: None,
@@ -467,8 +485,19 @@ impl Boot {
 
     /// Takes the four stamps of an echo. What it said before a step of its clock, or of ours, was of another time.
     pub(crate) fn observe(&mut self, stamps: FourStamps) {
-        if self.clock.observe(stamps) == Observed::Stepped {
-            self.stepped_at = Some(stamps.echoed);
+        let observed = self.clock.observe(stamps);
+        self.note_step(observed, stamps.echoed);
+    }
+
+    /// Takes what a relay said of its clock at an instant of it.
+    pub(crate) fn tell_clock(&mut self, now: Stamp, at: PeerStamp, offset: Span, error: Span) {
+        let observed = self.clock.tell(now, offset, error);
+        self.note_step(observed, at);
+    }
+
+    fn note_step(&mut self, observed: Observed, at: PeerStamp) {
+        if observed == Observed::Stepped {
+            self.stepped_at = Some(at);
             self.track = Track::new();
             self.rounds = HeardRounds::default();
             self.asking = Asking::default();

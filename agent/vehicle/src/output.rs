@@ -2,6 +2,7 @@
 
 use crate::checkpoint::Checkpoint;
 use crate::input::PacketKey;
+use skein_estimation::mutual::Work;
 use skein_estimation::time::Stamp;
 use skein_proto::document::{EstimateDocument, HealthDocument};
 use skein_proto::name::Name;
@@ -43,6 +44,9 @@ pub enum Output {
         /// The encoded packets, in this order; none when the question was for nobody.
         packets: Vec<Vec<u8>>,
     },
+    /// Run a long computation somewhere else, and bring what comes of it as an [`crate::Input::Done`]. One that is dropped
+    /// is missed by nobody: a newer one follows.
+    Work(Box<Work>),
     /// Nothing more to do until this instant, or the next input. Always the last.
     WakeAt(Stamp),
 }

@@ -44,10 +44,18 @@ pub(crate) enum Refused {
     UnknownSensor,
     /// Another sensor is the source of odometry.
     SecondOdometry,
+    /// Another inertial sensor is the source of inertial readings.
+    SecondInertial,
+    /// Another camera is the source of anonymous bearings.
+    SecondCamera,
+    /// No inertial reading reaches the time of a camera frame, so it cannot be levelled.
+    NoInertial,
+    /// A reading that no vehicle can feel.
+    Implausible,
+    /// Nothing here uses what it says: a relay, in other modes than `team`.
+    NoPipeline,
     /// Odometry that overlaps with what was already counted.
     Overlap,
-    /// No pipeline takes this kind of frame yet.
-    NoPipeline,
     /// An answer to a question that was not asked, or of a time that was not asked for.
     Unasked,
     /// A bound was reached.
@@ -83,8 +91,12 @@ impl Refused {
             Self::Unplaced => "unplaced",
             Self::UnknownSensor => "unknown_sensor",
             Self::SecondOdometry => "second_odometry",
-            Self::Overlap => "overlap",
             Self::NoPipeline => "no_pipeline",
+            Self::Overlap => "overlap",
+            Self::SecondInertial => "second_inertial",
+            Self::SecondCamera => "second_camera",
+            Self::NoInertial => "no_inertial",
+            Self::Implausible => "implausible",
             Self::Unasked => "unasked",
             Self::Full => "full",
             Self::Gated => "gated",

@@ -9,6 +9,7 @@ use skein_proto::document::{
 use skein_proto::estimate::{Covariance, Estimate, NeighbourEstimate};
 use skein_proto::keys::boot_text;
 use skein_proto::limits::NEIGHBOURS_MAX;
+use skein_proto::name::Name;
 use skein_proto::status::Status;
 use skein_proto::{VERSION_MAJOR, VERSION_MINOR, limits};
 
@@ -233,7 +234,18 @@ impl Vehicle {
             .and(newest)
             .and_then(|newest| self.smoothing.as_ref()?.covariance_at(&newest))
             .and_then(|covariance| translate::covariance(&covariance));
-        let neighbours = self.neighbour_estimates(now, taken, pose.as_ref());
+        let mut by_bearings = self.mutual.neighbours(taken);
+        let mut neighbours = self.neighbour_estimates(now, taken, pose.as_ref());
+        for (document, _) in &mut neighbours {
+            let located = by_bearings.get(&document.vehicle);
+            document.mutual = located.map(|(document, _)| document.clone());
+        }
+        let present = |name: &Name| {
+            neighbours
+                .iter()
+                .any(|(document, _)| document.vehicle == *name)
+        };
+        by_bearings.retain(|name, _| present(name));
         let document = EstimateDocument {
             vehicle: self.config.vehicle,
             boot: boot_text(self.config.boot),
@@ -249,6 +261,7 @@ impl Vehicle {
                 .iter()
                 .map(|(document, _)| document.clone())
                 .collect(),
+            features: self.mutual.features(),
             why,
         };
         let estimate = Estimate {
@@ -258,6 +271,10 @@ impl Vehicle {
             covariance: covariance.map(Covariance::BodyTwistRotationFirst),
             neighbours: neighbours
                 .into_iter()
+                .map(|(_, estimate)| estimate)
+                .collect(),
+            mutual: by_bearings
+                .into_values()
                 .map(|(_, estimate)| estimate)
                 .collect(),
         };
@@ -270,18 +287,22 @@ impl Vehicle {
         self.reported_at = Some(now);
     }
 
-    /// Every neighbour present, with where it was at the last solved round, as seen from where this vehicle was then.
+    /// Every neighbour that is present or that relays tell of, with where it was at the last solved round, as seen from where this vehicle was then.
     fn neighbour_estimates(
         &self,
         now: Stamp,
         taken: Stamp,
         pose: Option<&Transform<World, Body>>,
     ) -> Vec<(NeighbourDocument, NeighbourEstimate)> {
-        let present = self
+        let timeout = self.config.presence_timeout;
+        let relayed = self.neighbours.iter();
+        let relayed = relayed.filter(|(_, neighbour)| neighbour.is_relayed(now, timeout));
+        let known = self
             .neighbours
-            .present(now, self.config.presence_timeout)
+            .present(now, timeout)
+            .chain(relayed)
             .take(NEIGHBOURS_MAX);
-        let described = present.map(|(name, neighbour)| {
+        let described = known.map(|(name, neighbour)| {
             let relative = neighbour.relative.filter(|relative| {
                 pose.is_some()
                     && now - relative.taken <= self.config.presence_timeout
@@ -298,6 +319,7 @@ impl Vehicle {
                 pose: relative
                     .map(|relative| translate::pose_document(&relative.body_from_neighbour)),
                 covariance: covariance.map(covariance_document),
+                mutual: None,
             };
             let offset_us =
                 relative.map_or(0, |relative| (relative.taken - taken).as_micros_rounded());
@@ -338,6 +360,7 @@ impl Vehicle {
                 cut: self.speech.cut.to_document(),
                 team: self.smoothing.as_ref().map(Smoothing::to_document),
             },
+            mutual: self.mutual.is_in_use().then(|| self.mutual.to_document()),
             sensors: self.sensors.to_document(now),
             neighbours: self
                 .neighbours
@@ -382,7 +405,11 @@ impl Vehicle {
                 "cooperative:star".to_owned(),
                 "cooperative:team".to_owned(),
                 format!("flies:{}", self.config.mode.name()),
-            ],
+                format!("mutual:{}", self.config.mutual.way.name()),
+            ]
+            .into_iter()
+            .chain(self.config.relay.then(|| "relays".to_owned()))
+            .collect(),
             sensors: self.sensors.drivers(),
             limits: [
                 limit("packet_bytes", limits::PACKET_BYTES_MAX),

@@ -15,6 +15,8 @@ const WINDOW: u32 = u64::BITS;
 pub(crate) enum Kind {
     Exchange,
     Odometry,
+    Features,
+    Relay,
 }
 
 impl Kind {
@@ -23,6 +25,8 @@ impl Kind {
         match self {
             Self::Exchange => "exchange",
             Self::Odometry => "odometry",
+            Self::Features => "features",
+            Self::Relay => "relay",
         }
     }
 }
@@ -45,6 +49,8 @@ pub(crate) enum Novelty {
 pub(crate) struct Sequences {
     exchange: Sequence,
     odometry: Sequence,
+    features: Sequence,
+    relay: Sequence,
 }
 
 impl Sequences {
@@ -53,6 +59,8 @@ impl Sequences {
         let sequence = match kind {
             Kind::Exchange => &mut self.exchange,
             Kind::Odometry => &mut self.odometry,
+            Kind::Features => &mut self.features,
+            Kind::Relay => &mut self.relay,
         };
         sequence.take(number, proves)
     }

@@ -57,6 +57,8 @@ struct Life {
     boot: u64,
     anchored: Option<Stamp>,
     stepped_at: Option<PeerStamp>,
+    /// Whether it was in quarantine after the last round.
+    quarantined: bool,
     done: Done,
 }
 
@@ -86,6 +88,8 @@ pub(crate) struct Smoothed {
     pub(crate) report: Report,
     /// Measurements that were not used, and whose they are.
     pub(crate) refused: Vec<(Name, Refused)>,
+    /// Who was put into quarantine.
+    pub(crate) quarantined: Vec<Name>,
     /// Of whom a hash is.
     pub(crate) names: BTreeMap<VehicleId, Name>,
 }
@@ -154,6 +158,7 @@ impl Smoothing {
             fixes: fixes
                 .filter_map(|fix| translate::fold_fix(&fix.value, &fix.body_from_sensor).ok())
                 .collect(),
+            relayed: false,
         });
         while self.own_rounds.len() as i64 > ROUNDS_BACK_MAX {
             self.own_rounds.pop_front();
@@ -203,6 +208,7 @@ impl Smoothing {
         self.own_rounds = own_rounds;
         let report = self.team.solve();
         self.last = report.clone();
+        let quarantined = self.newly_quarantined();
         self.undetermined = if report.undetermined {
             self.undetermined + 1
         } else {
@@ -216,8 +222,23 @@ impl Smoothing {
         Smoothed {
             report,
             refused,
+            quarantined,
             names,
         }
+    }
+
+    /// Whose quarantine began in the last round.
+    fn newly_quarantined(&mut self) -> Vec<Name> {
+        let mut begun = Vec::new();
+        for (name, life) in &mut self.lives {
+            let member = self.team.member(VehicleId(name.hash()));
+            let quarantined = member.is_some_and(|member| member.quarantined);
+            if quarantined && !life.quarantined {
+                begun.push(*name);
+            }
+            life.quarantined = quarantined;
+        }
+        begun
     }
 
     /// Whoever began a new life is forgotten: of its odometry nothing holds across two.
@@ -245,6 +266,7 @@ impl Smoothing {
                     boot: boot.id,
                     anchored,
                     stepped_at: boot.stepped_at,
+                    quarantined: false,
                     done: Done::new(),
                 },
             );

@@ -201,7 +201,15 @@ impl Vehicle {
         for (name, why) in &smoothed.refused {
             self.count_refusal(*name, why);
         }
+        for name in &smoothed.quarantined {
+            if let Some(neighbour) = self.neighbours.get_mut(*name) {
+                neighbour.counts.quarantines += 1;
+            }
+        }
         self.take_smoothed(now, round, &odometry, &smoothed);
+        if !smoothed.quarantined.is_empty() {
+            self.report_health(now);
+        }
         true
     }
 

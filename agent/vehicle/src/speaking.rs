@@ -1,4 +1,5 @@
-//! What this vehicle says: the exchange to each partner and the round record to everybody, and when it said so.
+//! What this vehicle says: the exchange to each partner, the round record and the feature set to everybody, and when it
+//! said so.
 
 use std::collections::VecDeque;
 
@@ -9,12 +10,15 @@ use skein_proto::codec::{self, Body as _};
 use skein_proto::envelope::Envelope;
 use skein_proto::estimate::Estimate;
 use skein_proto::exchange::Exchange;
+use skein_proto::features::FeatureSet;
 use skein_proto::fixed::Fixed;
 use skein_proto::limits::{
-    ECHOES_PER_RECORD_MAX, FIXES_PER_RECORD_MAX, MEASURED_PER_ROUND_MAX, ROUNDS_PER_RECORD_MAX,
+    ECHOES_PER_RECORD_MAX, FIXES_PER_RECORD_MAX, MEASURED_PER_ROUND_MAX, RELAYED_PER_PACKET_MAX,
+    ROUNDS_PER_RECORD_MAX,
 };
 use skein_proto::name::Name;
 use skein_proto::record::{self, Addressed, PeerEcho, RoundFix, RoundRecord};
+use skein_proto::relay::{Relay, RelayedRound};
 use skein_proto::status::Status;
 
 use crate::anchor::Anchor;
@@ -80,6 +84,7 @@ pub(crate) struct Speech {
     body_from_target: Option<[f64; 6]>,
     hash: u64,
     exchanges: u32,
+    features: u32,
     records: u32,
     estimates: u32,
     echo_turn: usize,
@@ -88,6 +93,7 @@ pub(crate) struct Speech {
     anchor: Option<(Stamp, u64)>,
     backlog: Backlog,
     backlogs: u32,
+    relays: u32,
     pub(crate) sent: SentStamps,
     /// What was left out because a bound was reached.
     pub(crate) cut: Counters,
@@ -111,6 +117,7 @@ impl Speech {
             body_from_target: target,
             hash: me.hash(),
             exchanges: 0,
+            features: 0,
             records: 0,
             estimates: 0,
             echo_turn: 0,
@@ -118,6 +125,7 @@ impl Speech {
             anchor: None,
             backlog: Backlog::default(),
             backlogs: 0,
+            relays: 0,
             sent: SentStamps::default(),
             cut: Counters::default(),
         }
@@ -237,6 +245,53 @@ impl Speech {
         let packet = codec::encode(self.envelope(self.records, round.instant), &record);
         let bytes = self.sendable(now, packet)?;
         Some((PacketKey::Odometry { from: self.me }, bytes))
+    }
+
+    /// An anonymous feature set to everybody.
+    pub(crate) fn features(
+        &mut self,
+        now: Stamp,
+        taken: Stamp,
+        set: &FeatureSet,
+    ) -> Option<(PacketKey, Vec<u8>)> {
+        self.features = self.features.wrapping_add(1);
+        let packet = codec::encode(self.envelope(self.features, taken), set);
+        let bytes = self.sendable(now, packet)?;
+        Some((PacketKey::Features { from: self.me }, bytes))
+    }
+
+    /// The packets that repeat others' rounds, in the round of an instant: as many in one as fit.
+    pub(crate) fn relay(
+        &mut self,
+        now: Stamp,
+        instant: Stamp,
+        rounds: Vec<RelayedRound>,
+    ) -> Vec<(PacketKey, Vec<u8>)> {
+        let mut relays: Vec<Relay> = Vec::new();
+        for mut round in rounds {
+            // A round with so many measurements that it does not fit even alone is told without the farthest.
+            while !fits(&relay(now, vec![round.clone()])) && round.round.measured.pop().is_some() {
+                self.cut.count("measurements");
+            }
+            match relays.last_mut() {
+                Some(last) => {
+                    last.rounds.push(round);
+                    if !fits(last)
+                        && let Some(round) = last.rounds.pop()
+                    {
+                        relays.push(relay(now, vec![round]));
+                    }
+                }
+                None => relays.push(relay(now, vec![round])),
+            }
+        }
+        let packets = relays.iter().filter_map(|relay| {
+            self.relays = self.relays.wrapping_add(1);
+            let packet = codec::encode(self.envelope(self.relays, instant), relay);
+            let bytes = self.sendable(now, packet)?;
+            Some((PacketKey::Relay { from: self.me }, bytes))
+        });
+        packets.collect()
     }
 
     /// The packets of an answer: this vehicle's rounds after an instant. None when too many are asking.
@@ -390,6 +445,17 @@ impl Speech {
     fn counted(&mut self, packet: Result<Vec<u8>, codec::EncodeError>) -> Option<Vec<u8>> {
         packet.inspect_err(|_| self.cut.count("unsendable")).ok()
     }
+}
+
+const fn relay(now: Stamp, rounds: Vec<RelayedRound>) -> Relay {
+    Relay {
+        sent_ns: now.as_nanos(),
+        rounds,
+    }
+}
+
+fn fits(relay: &Relay) -> bool {
+    relay.rounds.len() <= RELAYED_PER_PACKET_MAX && codec::body_bytes(relay) <= Relay::BYTES_MAX
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 
 use skein_estimation::Transform;
 use skein_estimation::cooperative::{Mode, Star, StarWorkspace};
+use skein_estimation::mutual::Done;
 use skein_estimation::odometry::Growth;
 use skein_estimation::time::{Span, Stamp};
 use skein_proto::frame::{Frame, RelativeValue};
@@ -15,10 +16,12 @@ use crate::counters::Counters;
 use crate::dead_reckoning::{BRIDGE_MAX, Correction, DeadReckoning};
 use crate::hearing::{Heard, Listener};
 use crate::input::{Input, PacketKey};
+use crate::mutual::{self, IdentifiedBearing, Mutual, Scanned};
 use crate::neighbours::Neighbours;
 use crate::output::Output;
 use crate::placing::Placing;
 use crate::refused::Refused;
+use crate::relaying::Relaying;
 use crate::reporting::RoundCounts;
 use crate::rounds::{Loss, Round, Rounds};
 use crate::sensors::{Reading, Sensors};
@@ -51,8 +54,12 @@ pub struct Vehicle {
     pub(crate) placed_since: Mark,
     pub(crate) fix_trust: Trust,
     pub(crate) speech: Speech,
+    /// What it repeats of others, when it does.
+    relaying: Option<Relaying>,
     /// The team estimator, in its mode.
     pub(crate) smoothing: Option<Smoothing>,
+    /// Who is in sight and where.
+    pub(crate) mutual: Mutual,
     pub(crate) star: Star,
     pub(crate) workspace: StarWorkspace,
     pub(crate) counts: RoundCounts,
@@ -88,8 +95,10 @@ impl Vehicle {
             },
             fix_trust: Trust::default(),
             speech,
+            relaying: config.relay.then(Relaying::default),
             smoothing: (config.mode == Mode::Team)
                 .then(|| Smoothing::new(config.vehicle, config.period)),
+            mutual: Mutual::new(config.vehicle, config.boot, config.mutual),
             star: Star::new(Transform::identity())
                 .expect("the identity is a pose")
                 .in_mode(config.mode),
@@ -119,6 +128,7 @@ impl Vehicle {
             Input::Appeared { vehicle, boot } => self.note_token(vehicle, boot, true),
             Input::Vanished { vehicle, boot } => self.note_token(vehicle, boot, false),
             Input::Wake => {}
+            Input::Done { done, .. } => self.finish_work(done.as_deref()),
             Input::SetPose {
                 world_from_body,
                 rotation_sigma_rad,
@@ -130,6 +140,7 @@ impl Vehicle {
                 boot,
             } => self.answer_question(now, query, since_ns, boot),
         }
+        self.scan(now);
         self.open_rounds(now);
         self.solve_rounds(now);
         self.report(now);
@@ -148,6 +159,7 @@ impl Vehicle {
             .filter(|_| self.moved)
             .map(|at| at + self.config.estimate_spacing);
         let wake = self.rounds.wake_at(self.now).min(self.health_at);
+        let wake = self.mutual.wake_at().map_or(wake, |at| wake.min(at));
         report.map_or(wake, |report| wake.min(report))
     }
 
@@ -214,7 +226,8 @@ impl Vehicle {
                 self.rounds
                     .keep_fix(sensor, taken, body_from_sensor, frame.value)
             }
-            Frame::Bearings(_) | Frame::Imu(_) => Err(Refused::NoPipeline),
+            Frame::Bearings(frame) => self.mutual.look(sensor, body_from_sensor, frame),
+            Frame::Imu(frame) => self.mutual.read(sensor, &body_from_sensor, &frame),
         }
     }
 
@@ -232,9 +245,11 @@ impl Vehicle {
             period: self.config.period,
             horizon: self.rounds.horizon(now),
             sent: &self.speech.sent,
+            smooths: self.smoothing.is_some(),
         };
         match listener.hear(now, &mut self.neighbours, key, bytes) {
-            Ok(Some(heard)) => self.answer(now, heard),
+            Ok(Some(Heard::Exchange { from, round })) => self.answer(now, from, round),
+            Ok(Some(Heard::Features { from, set })) => self.mutual.hear(from, &set),
             Ok(None) => {}
             Err(why) => self.refused.refuse(&why),
         }
@@ -272,20 +287,69 @@ impl Vehicle {
 
     /// Whoever speaks to us in a round in which we have not spoken to it is answered at once, so that a first contact
     /// counts.
-    fn answer(&mut self, now: Stamp, heard: Heard) {
+    fn answer(&mut self, now: Stamp, from: Name, index: i64) {
         let Some(at) = self
             .rounds
             .open
             .iter()
-            .position(|round| round.index == heard.round)
+            .position(|round| round.index == index)
         else {
             return;
         };
         let mut round = self.rounds.open.remove(at).expect("just found");
-        if !round.told.contains(&heard.from) && round.told.len() < PARTNERS_MAX {
-            self.tell(now, &mut round, heard.from, None);
+        if !round.told.contains(&from) && round.told.len() < PARTNERS_MAX {
+            self.tell(now, &mut round, from, None);
         }
         self.rounds.open.insert(at, round);
+    }
+
+    /// Takes every camera frame whose time the inertial readings have reached: everybody is told what is seen, and a
+    /// bearing of a known neighbour is a measurement like any other.
+    fn scan(&mut self, now: Stamp) {
+        while let Some(scanned) = self.mutual.next_scan(now, self.config.period) {
+            let (set, bearings) = match scanned {
+                Scanned::Told { set, bearings } => (set, bearings),
+                Scanned::Lost { camera, why } => {
+                    self.sensors.count(now, camera, 0, &Err(why));
+                    continue;
+                }
+            };
+            self.moved = true;
+            let work = self.mutual.begin_work();
+            self.outputs
+                .extend(work.map(|work| Output::Work(Box::new(work))));
+            let packet = self
+                .speech
+                .features(now, set.taken, &mutual::to_wire(&set, now));
+            self.outputs
+                .extend(packet.map(|(key, bytes)| Output::Send { key, bytes }));
+            self.take_bearings(now, bearings);
+        }
+    }
+
+    /// Takes what came of a long computation.
+    fn finish_work(&mut self, done: Option<&Done>) {
+        let Some(done) = done else {
+            return;
+        };
+        let bearings = self.mutual.finish_work(done, self.config.period);
+        self.take_bearings(self.now, bearings);
+    }
+
+    fn take_bearings(&mut self, now: Stamp, bearings: Vec<IdentifiedBearing>) {
+        for bearing in bearings {
+            self.measured(now, bearing.target);
+            let kept = self.rounds.keep_relative(
+                bearing.camera,
+                bearing.taken,
+                bearing.body_from_sensor,
+                bearing.target,
+                bearing.value,
+            );
+            if let Err(why) = kept {
+                self.count_refusal(bearing.target, &why);
+            }
+        }
     }
 
     fn note_token(&mut self, vehicle: Name, boot: u64, present: bool) {
@@ -329,6 +393,13 @@ impl Vehicle {
                 .record(now, &round, status, &self.neighbours, anchor);
             self.outputs
                 .extend(record.map(|(key, bytes)| Output::Send { key, bytes }));
+            if let Some(relaying) = &mut self.relaying {
+                let rounds = relaying.rounds(now, &self.neighbours);
+                let packets = self.speech.relay(now, round.instant, rounds);
+                let sends = packets.into_iter();
+                self.outputs
+                    .extend(sends.map(|(key, bytes)| Output::Send { key, bytes }));
+            }
             if let Some(smoothing) = &mut self.smoothing {
                 smoothing.note(&round);
             }

@@ -318,7 +318,12 @@ fn meaning(reason: &str) -> Option<&'static str> {
         "unknown_sensor" => "no sensor of that name is configured",
         "second_odometry" => "another sensor is the source of odometry",
         "overlap" => "of time already counted",
-        "no_pipeline" => "nothing uses this kind of frame yet",
+        "no_pipeline" => {
+            "nothing here uses this kind of packet: a relay, in another mode than team"
+        }
+        "no_inertial" => "no inertial reading reaches the time of these camera frames",
+        "second_inertial" => "another inertial sensor is the source already",
+        "second_camera" => "another camera is the source already",
         "full" => "a bound was reached",
         "contradicts" | "unusable" => "the estimator refused it: is the mount right?",
         _ => return None,
@@ -361,6 +366,7 @@ mod tests {
                 period_s: 0.2,
                 ..RoundsHealth::default()
             },
+            mutual: None,
             sensors: BTreeMap::new(),
             neighbours: BTreeMap::from([("v2".to_owned(), neighbour)]),
             refused: BTreeMap::new(),

@@ -252,8 +252,10 @@ mod tests {
                     taken_ns: None,
                     pose: None,
                     covariance: None,
+                    mutual: None,
                 })
                 .collect(),
+            features: vec![],
             why: (status != Status::Tracking).then(|| "nobody\u{1b}[2J measures".to_owned()),
         }
     }
