@@ -32,6 +32,9 @@ pub struct Fleet<S = World> {
     log: Option<Vec<Logged>>,
 }
 
+/// How long a computation takes that a vehicle hands out.
+const WORK_NS: i64 = 10_000_000;
+
 /// Questions that wait for an answer; of a lost one, or one to a dead process, there is none.
 const QUESTIONS_MAX: usize = 256;
 
@@ -458,6 +461,12 @@ impl<S: Stage> Fleet<S> {
                 }
                 Output::Ask { to, boot, since_ns } => {
                     self.ask(vehicle, to, Question { since_ns, boot });
+                }
+                Output::Work(work) => {
+                    let number = work.number();
+                    let done = Some(Box::new(work.run()));
+                    let input = Input::Done { number, done };
+                    self.push(self.now_ns + WORK_NS, Event::Input { vehicle, input });
                 }
                 Output::Answer { query, packets } => self.answer(vehicle, query, packets),
                 Output::WakeAt(at) => {

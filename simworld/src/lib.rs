@@ -9,7 +9,8 @@
 //! ```
 //!
 //! [`truth`], [`trajectory`] and [`sensor`] use none of the estimators' geometry: a sign error there must meet a second
-//! opinion. [`mrclam`] and [`calibration`] put real robots in the place of the virtual ones.
+//! opinion. [`mrclam`] and [`calibration`] put real robots in the place of the virtual ones, [`broad`] and [`euroc`] real
+//! inertial sensors.
 
 mod bounded;
 pub mod scenario;
@@ -18,12 +19,17 @@ pub mod streams;
 pub mod trajectory;
 pub mod truth;
 
+pub mod anonymous;
+pub mod quadrotor;
 pub mod radio;
 pub mod sensor;
 pub mod von_mises_fisher;
 
+pub mod broad;
 pub mod calibration;
 pub mod datasets;
+pub mod euroc;
+pub mod inertial_recording;
 pub mod mrclam;
 
 pub mod evaluation;
@@ -34,6 +40,8 @@ pub mod plot;
 
 pub mod experiment;
 pub mod fleet;
+pub mod mutual_scenario;
+pub mod mutual_world;
 pub mod recorded;
 pub mod stage;
 pub mod world;

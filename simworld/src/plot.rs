@@ -1,6 +1,12 @@
 //! Plots as SVG text: error curves against time in the form of the paper's figures 3 and 4, paths in the plane, and bars.
 //! Writing the text to a file is the caller's.
 
+mod panels;
+mod scene;
+
+pub use panels::{Panel, Trace, panels};
+pub use scene::{Scene, Spot, scenes};
+
 use plotters::prelude::*;
 use std::ops::Range;
 

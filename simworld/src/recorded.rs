@@ -19,7 +19,7 @@ use skein_estimation::time::Span;
 use skein_proto::document::EstimateDocument;
 use skein_proto::frame::{FixFrame, FixValue, Frame, OdometryFrame, RelativeFrame, RelativeValue};
 use skein_proto::name::Name;
-use skein_vehicle::{Config, SensorConfig, Start, ToldPose};
+use skein_vehicle::{Config, MutualConfig, SensorConfig, Start, ToldPose};
 
 /// Length of one odometry increment, made from the commands that held in it.
 const ODOMETRY_NS: i64 = 50_000_000;
@@ -82,7 +82,6 @@ pub struct Recorded {
     next: Vec<usize>,
     mode: Mode,
     readings: Readings,
-    told: Told,
     identities: Identities,
     /// The newest published poses.
     published: Vec<Option<Pose>>,
@@ -130,38 +129,45 @@ impl Recorded {
             identities: Identities::default(),
             frames: Vec::new(),
             readings,
-            told: Told::Position,
             recording,
             calibration,
             start_ns,
             end_ns,
             starts,
         };
-        recorded.frames = (0..recorded.starts.len())
-            .map(|robot| recorded.make_frames(robot, readings))
-            .collect();
+        recorded.tell();
         Ok(recorded)
     }
 
-    /// The same, flown in another mode. A mode that weighs measurements by their noise is told bearing and range, each
-    /// with its own; the others a position.
+    /// The same, flown in another mode.
     #[must_use]
     pub fn in_mode(mut self, mode: Mode) -> Self {
         self.mode = mode;
-        if mode == Mode::Team {
-            self.told = Told::BearingAndRange;
-        }
-        self.frames = (0..self.starts.len())
-            .map(|robot| self.make_frames(robot, self.readings))
-            .collect();
+        self.tell();
         self
     }
 
     /// The same with identities known otherwise.
     #[must_use]
-    pub const fn with_identities(mut self, identities: Identities) -> Self {
+    pub fn with_identities(mut self, identities: Identities) -> Self {
         self.identities = identities;
+        self.tell();
         self
+    }
+
+    /// Makes everybody's frames.
+    fn tell(&mut self) {
+        let frames = (0..self.starts.len()).map(|robot| self.make_frames(robot, self.readings));
+        self.frames = frames.collect();
+    }
+
+    /// A mode that weighs measurements by their noise is told bearing and range, each with its own; the others a position,
+    /// and whoever has to find out by the place which robot a reading is of.
+    fn told(&self) -> Told {
+        match (self.mode, self.identities) {
+            (Mode::Team, Identities::Recorded) => Told::BearingAndRange,
+            _ => Told::Position,
+        }
     }
 
     /// How often readings were laid to the right robot, when their identities were dropped.
@@ -281,7 +287,7 @@ impl Recorded {
         let taken_ns = reading.time_ns;
         match reading.subject {
             Subject::Robot(target) => {
-                let values = match self.told {
+                let values = match self.told() {
                     Told::Position => vec![RelativeValue::Position {
                         position_m,
                         sigma_m,
@@ -383,10 +389,12 @@ impl Stage for Recorded {
             start: Start::Pose(ToldPose::exact(transform(&self.starts[vehicle]))),
             mode: self.mode,
             optimiser: Optimiser::gauss_newton(),
+            mutual: MutualConfig::DEFAULT,
             sensors: vec![sensor(ODOMETRY), sensor(CAMERA)],
             body_from_target: Transform::identity(),
             presence_timeout: Span::secs(3),
             repeats: 3,
+            relay: false,
             estimate_spacing: Span::millis(20),
         }
     }

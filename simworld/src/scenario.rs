@@ -1,16 +1,21 @@
 //! A scenario: which vehicles fly where, what they measure and what the radio does to them. Read from TOML text in
 //! which every misspelt key and every impossible number is an error that names its place.
 
+mod aboard;
 mod error;
 mod team;
 
+pub use aboard::{BYSTANDERS_MAX, CAMERA_TIME_MAX_S, READINGS_PER_S_MAX, SIGHTINGS_MAX};
 pub use error::ScenarioError;
 pub use team::{Formation, Start, Team, Vehicle};
 
+use crate::anonymous::CameraSettings;
 use crate::bounded::{not_negative, positive};
+use crate::quadrotor::ImuSettings;
 use crate::radio::RadioSettings;
 use crate::sensor::{OdometryNoise, SensorSettings};
 use crate::streams::{Purpose, Streams};
+use crate::trajectory::Trajectory;
 use crate::truth::Pose;
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
@@ -54,6 +59,9 @@ pub struct Scenario {
     pub seed: u64,
     /// Who flies.
     pub team: Team,
+    /// Who flies along and says nothing: cameras see them too.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub bystanders: Vec<Trajectory>,
     /// How their clocks differ.
     #[serde(default)]
     pub clocks: Clocks,
@@ -63,6 +71,12 @@ pub struct Scenario {
     /// Everyone's relative sensor.
     #[serde(default)]
     pub sensor: SensorSettings,
+    /// Everyone's inertial sensor, if they have one. Only quadrotors do.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub imu: Option<ImuSettings>,
+    /// Everyone's camera that sees robots and not which robots, if they have one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub camera: Option<CameraSettings>,
     /// The radio.
     #[serde(default)]
     pub radio: RadioSettings,
@@ -80,7 +94,7 @@ fn one() -> u64 {
     1
 }
 
-const BUILT_IN: [(&str, &str); 7] = [
+const BUILT_IN: [(&str, &str); 9] = [
     ("section-v", include_str!("../scenarios/section-v.toml")),
     (
         "section-v-lossy",
@@ -103,6 +117,8 @@ const BUILT_IN: [(&str, &str); 7] = [
         include_str!("../scenarios/parallel-lines.toml"),
     ),
     ("hover", include_str!("../scenarios/hover.toml")),
+    ("square", include_str!("../scenarios/square.toml")),
+    ("eight", include_str!("../scenarios/eight.toml")),
 ];
 
 impl Scenario {
@@ -171,6 +187,7 @@ impl Scenario {
                 format!("{rounds:.0} rounds are more than {ROUNDS_MAX}"),
             ));
         }
+        aboard::check(self)?;
         for vehicle in self.team.vehicles() {
             let ends_s = [0.0, self.duration_s];
             if !ends_s
@@ -231,7 +248,8 @@ mod tests {
             let text = Scenario::built_in_text(name).unwrap();
             let scenario = Scenario::parse(text, name).unwrap();
             assert_eq!(scenario.name, name);
-            assert_eq!(scenario.rounds(), 100);
+            let rounds = if scenario.camera.is_some() { 300 } else { 100 };
+            assert_eq!(scenario.rounds(), rounds);
         }
         assert_eq!(Scenario::built_in("nowhere"), None);
     }

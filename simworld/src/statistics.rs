@@ -98,7 +98,7 @@ impl ErrorSummary {
 }
 
 /// The mean of at least two values and its standard error.
-fn mean_and_stderr(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
+pub(crate) fn mean_and_stderr(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
     let n = values.clone().count() as f64;
     let mean = values.clone().sum::<f64>() / n;
     let variance = values.map(|value| (value - mean).powi(2)).sum::<f64>() / (n - 1.0);

@@ -36,6 +36,16 @@ pub enum Purpose {
     WrongBurst = 13,
     /// Noise of absolute fixes.
     Fix = 14,
+    /// Noise of an inertial sensor.
+    Inertial = 15,
+    /// Its constant errors.
+    InertialBias = 16,
+    /// What an anonymous camera sees where, and in which order.
+    Camera = 17,
+    /// Which robot of a team flies which course.
+    Role = 18,
+    /// Which flights a standard error is drawn from.
+    Bootstrap = 19,
 }
 
 /// The streams of one sample of one experiment.
@@ -66,6 +76,13 @@ impl Streams {
         self.stream(from, index(to), purpose)
     }
 
+    /// The stream of the `index`th reading of one vehicle for one purpose, so that a reading can be asked for without
+    /// those before it. A purpose that is used so has no streams of pairs.
+    #[must_use]
+    pub fn nth(&self, vehicle: usize, index: usize, purpose: Purpose) -> ChaCha8Rng {
+        self.stream(vehicle, self::index(index), purpose)
+    }
+
     fn stream(&self, vehicle: usize, other: u32, purpose: Purpose) -> ChaCha8Rng {
         // The key holds the whole name, so two names can never share a stream.
         let mut key = [0_u8; 32];
@@ -79,7 +96,7 @@ impl Streams {
 }
 
 fn index(vehicle: usize) -> u32 {
-    u32::try_from(vehicle).expect("a vehicle's index fits into 32 bits")
+    u32::try_from(vehicle).expect("an index fits into 32 bits")
 }
 
 #[cfg(test)]

@@ -15,6 +15,7 @@ pub use parallel::Parallel;
 pub use section_v::SectionV;
 pub use waypoints::{BadWaypoints, Waypoint, Waypoints};
 
+use crate::quadrotor::{self, Course};
 use crate::truth::Pose;
 use serde::{Deserialize, Serialize};
 
@@ -34,6 +35,8 @@ pub enum Trajectory {
     Waypoints(Waypoints),
     /// One of two planar robots on straight parallel lines.
     Parallel(Parallel),
+    /// A quadrotor, which leans to where it accelerates.
+    Quadrotor(Course),
 }
 
 impl Trajectory {
@@ -48,6 +51,7 @@ impl Trajectory {
             Self::Circle(path) => path.pose_at(t_s),
             Self::Waypoints(path) => path.pose_at(t_s),
             Self::Parallel(path) => path.pose_at(t_s),
+            Self::Quadrotor(course) => quadrotor::attitude(&course.place_at(t_s)),
         }
     }
 }
@@ -72,6 +76,12 @@ mod tests {
                     { t_s = 10, position_m = [5, 0, 1], yaw_deg = 90 },
                 ] },
                 { parallel = { robot = 2 } },
+                { quadrotor.weave = { team = "eight", robot = 3 } },
+                { quadrotor.round = { centre_m = [0, 0, 2], radius_m = 1, rate_rad_s = -0.9, phase_rad = 1, wave_m = 0.3 } },
+                { quadrotor.legs = [
+                    { t_s = 2, position_m = [0, 0, 1] },
+                    { t_s = 6, position_m = [3, 0, 2], yaw_deg = 90 },
+                ] },
             ]"#,
         )
         .unwrap();

@@ -2,6 +2,9 @@
 //!
 //! The same world feeds a virtual fleet, live agents and the bare solver, so all three fly the same sample.
 
+mod aboard;
+
+use self::aboard::Aboard;
 use crate::scenario::{Scenario, Start};
 use crate::sensor::{Noise, Odometry, Reading, RelativeSensor, Sight};
 use crate::stage::Stage;
@@ -13,7 +16,7 @@ use skein_estimation::time::Span;
 use skein_estimation::{Body, Sensor, Transform};
 use skein_proto::frame::{Frame, OdometryFrame, RelativeFrame, RelativeValue};
 use skein_proto::name::Name;
-use skein_vehicle::{Config, SensorConfig, ToldPose};
+use skein_vehicle::{Config, MutualConfig, SensorConfig, ToldPose};
 
 /// UNIX time of the start of the motion, on a clock that is not ahead: some day in 2027.
 const EPOCH_NS: i64 = 1_800_000_000_000_000_000;
@@ -21,6 +24,10 @@ const EPOCH_NS: i64 = 1_800_000_000_000_000_000;
 pub const ODOMETRY: &str = "odometry";
 /// Name of every vehicle's relative sensor.
 pub const RELATIVE: &str = "relative";
+/// Name of every vehicle's inertial sensor.
+pub const IMU: &str = "imu";
+/// Name of every vehicle's camera.
+pub const CAMERA: &str = "camera";
 
 /// Truth and sensors of one sample of a scenario. Times are nanoseconds since the start of the motion.
 #[derive(Debug)]
@@ -38,6 +45,7 @@ struct Simulated {
     ahead_ns: i64,
     odometry: Odometry,
     sensor: RelativeSensor,
+    aboard: Aboard,
     dead_reckoning: Pose,
 }
 
@@ -69,6 +77,7 @@ impl World {
             ahead_ns: scenario.clock_ahead_ns(sample, index),
             odometry: Odometry::new(scenario.odometry, scenario.period_s, index, &streams),
             sensor: RelativeSensor::new(&scenario.sensor, index, team.len(), streams),
+            aboard: Aboard::new(scenario, index, streams),
             dead_reckoning: vehicle.trajectory.pose_at(0.0),
         });
         Self {
@@ -233,10 +242,11 @@ impl Stage for World {
         Some(self.pose(vehicle, at_ns))
     }
 
-    /// What it measured in the round, then its odometry.
+    /// What it measured in the round, then its odometry, then what it felt and saw.
     fn round(&mut self, vehicle: usize, instant_ns: i64) -> Vec<Delivery> {
         let mut deliveries = self.measure(vehicle, instant_ns);
         deliveries.push(self.odometry(vehicle, instant_ns));
+        deliveries.extend(self.felt_and_seen(vehicle, instant_ns));
         deliveries
     }
 
@@ -249,6 +259,16 @@ impl Stage for World {
             driver: "simworld".to_owned(),
             body_from_sensor: transform::<Body, Sensor>(mount),
         };
+        let mut sensors = vec![
+            sensor(ODOMETRY, &Pose::identity()),
+            sensor(RELATIVE, self.vehicles[vehicle].sensor.body_from_sensor()),
+        ];
+        if self.scenario.imu.is_some() {
+            sensors.push(sensor(IMU, &Pose::identity()));
+        }
+        if self.scenario.camera.is_some() {
+            sensors.push(sensor(CAMERA, &Pose::identity()));
+        }
         Config {
             vehicle: self.vehicles[vehicle].name,
             boot,
@@ -263,13 +283,12 @@ impl Stage for World {
             },
             mode: Mode::default(),
             optimiser: Optimiser::gauss_newton(),
-            sensors: vec![
-                sensor(ODOMETRY, &Pose::identity()),
-                sensor(RELATIVE, self.vehicles[vehicle].sensor.body_from_sensor()),
-            ],
+            mutual: MutualConfig::DEFAULT,
+            sensors,
             body_from_target: Transform::identity(),
             presence_timeout: Span::secs(3),
             repeats: 3,
+            relay: false,
             estimate_spacing: Span::ZERO,
         }
     }

@@ -30,8 +30,8 @@ use crate::world::{World, nanos};
 use nalgebra::Matrix6;
 use rayon::prelude::*;
 use serde::Serialize;
-use skein_estimation::cooperative::team::Settings;
-use skein_estimation::cooperative::{Mode, Refusal};
+use skein_estimation::cooperative::team::{NoiseScales, Settings};
+use skein_estimation::cooperative::{Mode, Refusal, Robust};
 use skein_estimation::time::Span;
 use skein_estimation::{Body, Transform, World as WorldFrame, se3};
 
@@ -82,8 +82,11 @@ pub struct CellResult {
     pub samples: u64,
     /// First seed.
     pub seed: u64,
-    /// By method.
+    /// By method: of everybody but those who are scored apart.
     pub methods: Vec<MethodResult>,
+    /// What the team estimator came to of those who are: of who lies; of the half of a team with fixes that meets the
+    /// other.
+    pub apart: Option<ApartResult>,
     /// Rounds that the team estimator could not solve, a flight and estimator.
     pub undetermined: f64,
     /// Quarantines that it began, a flight and estimator.
@@ -111,6 +114,20 @@ pub struct MethodResult {
     pub ratio_stderr: f64,
     /// How honest its covariance is, if it has one.
     pub nees: Option<Nees>,
+}
+
+/// What the team estimator came to of vehicles that are scored apart.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ApartResult {
+    /// Root of the mean of |e|^2, metres.
+    pub rmse_m: f64,
+    /// The root over that of the bound.
+    pub ratio: f64,
+    /// Its standard error.
+    pub ratio_stderr: f64,
+    /// The farthest that one of them moved in a round from when it met the others, beside its odometry and in the standard
+    /// deviations of its position before: the mean over flights, and the largest.
+    pub moved_sigmas: Option<(f64, f64)>,
 }
 
 /// Normalised squared errors of a vehicle's own pose in exponential coordinates, per degree of freedom; one estimator a
@@ -149,6 +166,10 @@ struct Scored {
     star_m: Vec<f64>,
     team_m: Vec<f64>,
     bound_m: Vec<f64>,
+    /// Errors of the team estimator and of the bound of those who are scored apart.
+    apart_m: (Vec<f64>, Vec<f64>),
+    /// How far those moved when they met the others, standard deviations.
+    moved_sigmas: Option<f64>,
     nees: Vec<f64>,
     bound_nees: Option<f64>,
     undetermined: f64,
@@ -180,9 +201,6 @@ pub fn run(
         .collect();
     let flights = flights?;
     let of_method = |method: Method, errors: fn(&Scored) -> &Vec<f64>, nees: Option<Nees>| {
-        let square = |errors: &[f64]| {
-            errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64
-        };
         let squares: Vec<f64> = flights
             .iter()
             .map(|flight| square(errors(flight)))
@@ -227,6 +245,7 @@ pub fn run(
         samples: request.samples,
         seed: request.seed,
         methods,
+        apart: scored_apart(&flights),
         undetermined: per_flight(|flight| flight.undetermined),
         quarantines: per_flight(|flight| flight.quarantines),
         honest_accused: flights
@@ -263,6 +282,39 @@ impl Nees {
     }
 }
 
+/// Of those who are scored apart in every flight.
+fn scored_apart(flights: &[Scored]) -> Option<ApartResult> {
+    let of = |errors: fn(&Scored) -> &Vec<f64>| -> Vec<f64> {
+        flights
+            .iter()
+            .map(|flight| square(errors(flight)))
+            .collect()
+    };
+    if flights.iter().any(|flight| flight.apart_m.0.is_empty()) {
+        return None;
+    }
+    let (squares, bounds) = (
+        of(|flight| &flight.apart_m.0),
+        of(|flight| &flight.apart_m.1),
+    );
+    let (ratio, ratio_stderr) = ratio_of_root_means(&squares, &bounds);
+    let moved: Option<Vec<f64>> = flights.iter().map(|flight| flight.moved_sigmas).collect();
+    Some(ApartResult {
+        rmse_m: root_mean(&squares).0,
+        ratio,
+        ratio_stderr,
+        moved_sigmas: moved.map(|moved| {
+            let largest = moved.iter().copied().fold(0.0, f64::max);
+            (mean(moved.into_iter()), largest)
+        }),
+    })
+}
+
+/// The mean of the squares.
+fn square(errors: &[f64]) -> f64 {
+    mean(errors.iter().map(|error| error * error))
+}
+
 /// The means round by round; rounds that one flight could not solve are left to the others.
 fn nees_over_time(flights: &[Scored], rounds: usize) -> Option<Nees> {
     let of_round = |k: usize| -> Vec<f64> {
@@ -287,7 +339,7 @@ fn fly(cell: &Cell, request: &Request<'_>, sample: u64) -> Result<Scored, Failed
     let (team, last) = (cell.robots, case.told.last());
     let hearing = Hearing::new(&cell.air, team, last, &scenario.streams(sample));
     let mut scored = Scored::default();
-    let is_shared = cell.air.is_perfect() && team <= Settings::DEFAULT.nearest + 1;
+    let is_shared = cell.air.is_perfect();
     let estimators: Vec<usize> = if is_shared {
         vec![sample as usize % team]
     } else {
@@ -312,10 +364,19 @@ fn fly(cell: &Cell, request: &Request<'_>, sample: u64) -> Result<Scored, Failed
         for vehicle in whom {
             let truth = case.told.true_pose(last, vehicle).translation;
             let (_, pose) = flight.rounds[last].team[vehicle];
-            scored.team_m.push((pose.translation - truth).norm());
-            scored
-                .bound_m
-                .push((bound.team[vehicle].translation - truth).norm());
+            let error_m = (pose.translation - truth).norm();
+            let bound_m = (bound.team[vehicle].translation - truth).norm();
+            let (team, best) = if cell.is_scored_apart(vehicle) {
+                (&mut scored.apart_m.0, &mut scored.apart_m.1)
+            } else {
+                (&mut scored.team_m, &mut scored.bound_m)
+            };
+            team.push(error_m);
+            best.push(bound_m);
+        }
+        if cell.air.apart_rounds > 0 && cell.is_scored_apart(own) {
+            let moved = moved_sigmas(&case.told, &flight, own, cell.air.apart_rounds);
+            scored.moved_sigmas = Some(scored.moved_sigmas.unwrap_or(0.0).max(moved));
         }
         if nth == 0 {
             scored.nees = own_nees(&case.told, &flight, own);
@@ -340,11 +401,12 @@ fn fly(cell: &Cell, request: &Request<'_>, sample: u64) -> Result<Scored, Failed
                 .into_iter()
                 .enumerate()
                 .filter(|(vehicle, _)| is_shared || estimators.contains(vehicle))
+                .filter(|(vehicle, _)| !cell.is_scored_apart(*vehicle))
                 .map(|(_, error_m)| error_m)
                 .collect()
         };
         scored.paper_m = produced(Mode::Paper);
-        scored.star_m = produced(Mode::default());
+        scored.star_m = produced(Mode::Star(Robust::DEFAULT));
     }
     Ok(scored)
 }
@@ -376,6 +438,29 @@ fn own_nees(history: &History, flight: &Flight, own: usize) -> Vec<f64> {
             })
         })
         .collect()
+}
+
+/// The farthest that the own position moved in one round from round `from` on, beside what odometry said, in its standard
+/// deviations before.
+fn moved_sigmas(history: &History, flight: &Flight, own: usize, from: usize) -> f64 {
+    let rounds = flight
+        .rounds
+        .windows(2)
+        .enumerate()
+        .skip(from.saturating_sub(1));
+    let moved = rounds.filter_map(|(before, estimates)| {
+        let (earlier, later) = (estimates[0].own?, estimates[1].own?);
+        let expected = earlier.world_from_body * history.step(own, before, before + 1);
+        let covariance = earlier.carried_to(&later.point, &NoiseScales::default())?;
+        let moved = se3::log(&(expected.inverse() * later.world_from_body));
+        let (moved, covariance) = (
+            moved.fixed_rows::<3>(3),
+            covariance.fixed_view::<3, 3>(3, 3),
+        );
+        let inverse = covariance.into_owned().try_inverse()?;
+        Some((moved.transpose() * inverse * moved)[(0, 0)].sqrt())
+    });
+    moved.fold(0.0, f64::max)
 }
 
 /// `e^T P^-1 e / 6`, `e = Log(estimate^-1 truth)`.

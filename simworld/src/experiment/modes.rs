@@ -327,7 +327,7 @@ pub fn ratio_of_root_means(squares: &[f64], others: &[f64]) -> (f64, f64) {
     (squared.sqrt(), variance.sqrt() / (2.0 * squared.sqrt()))
 }
 
-/// What the daemon's default mode is asked for.
+/// What mode `star` is asked for.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bound {
     /// What is bounded.
@@ -340,7 +340,7 @@ pub struct Bound {
     pub most: f64,
 }
 
-/// The bounds of the default mode, [`Method::Star`], beside what came out; without those whose cells were not flown.
+/// The bounds of mode `star`, [`Method::Star`], beside what came out; without those whose cells were not flown.
 #[must_use]
 pub fn bounds(results: &[CellResult]) -> Vec<Bound> {
     let cell = |method, fault| {
@@ -429,7 +429,7 @@ pub fn table(results: &[CellResult]) -> String {
         }
         text += "\n";
     }
-    text += "\nasked of the default mode, star:\n";
+    text += "\nasked of mode star:\n";
     for bound in bounds(results) {
         let kept = if bound.value <= bound.most {
             "kept"

@@ -1,6 +1,7 @@
 //! Who flies: either a number of vehicles in a named formation, or every vehicle one by one.
 
 use super::VEHICLES_MAX;
+use crate::quadrotor::{Course, Weave, WeaveOf};
 use crate::trajectory::{Hover, Parallel, SectionV, Trajectory};
 use serde::{Deserialize, Serialize};
 use std::num::NonZeroU32;
@@ -40,6 +41,11 @@ pub enum Formation {
     ParallelLines,
     /// A square grid of 3 m, each swaying in its own rhythm.
     Hover,
+    /// Quadrotors that start in a square that looks the same to each of them; of more than four, the others start
+    /// where one of them does.
+    Square,
+    /// Quadrotors in two columns at several heights.
+    Eight,
 }
 
 impl Formation {
@@ -52,6 +58,8 @@ impl Formation {
             .expect("a vehicle's number fits into 32 bits and is not 0");
         match self {
             Self::SectionV => Trajectory::SectionV(SectionV { robot }),
+            Self::Square => weave(WeaveOf::Square, index),
+            Self::Eight => weave(WeaveOf::Eight, index),
             Self::ParallelLines => Trajectory::Parallel(Parallel::of_robot(robot)),
             Self::Hover => {
                 let (column, row) = spiral(index);
@@ -64,6 +72,13 @@ impl Formation {
             }
         }
     }
+}
+
+fn weave(team: WeaveOf, index: usize) -> Trajectory {
+    Trajectory::Quadrotor(Course::Weave(Weave {
+        team,
+        robot: index + 1,
+    }))
 }
 
 /// Column and row of the places of a square that grows by one row and one column at a time: 4 vehicles are a square

@@ -1,14 +1,18 @@
 //! `skein-sim experiment ...`: many virtual flights, tables and figures.
 
+use crate::attitude;
 use crate::files::write;
 use crate::output::{print, print_json};
+use crate::registration;
 use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use miette::IntoDiagnostic;
 use skein_estimation::cooperative::Optimiser;
 use skein_simworld::experiment::consistency::cell::{CELLS, Cell};
 use skein_simworld::experiment::cooperative::{self, CellResult, Engine, Request};
-use skein_simworld::experiment::{consistency, modes};
+use skein_simworld::experiment::mutual::case::{CASES, Case};
+use skein_simworld::experiment::mutual::method::{METHODS, Method};
+use skein_simworld::experiment::{consistency, modes, mutual};
 use std::path::{Path, PathBuf};
 
 /// Which experiment.
@@ -20,6 +24,13 @@ pub(crate) enum Experiment {
     Modes(ModesArguments),
     /// Error over the bound of a batch, and NEES: teams, kinds, loss, outliers, wrong noise, biases and liars, by mode.
     Consistency(ConsistencyArguments),
+    /// Anonymous bearings: figures 5 to 9 of Cognetti et al., the published way and ours, over other roles, other
+    /// trajectories, phantoms, loss and biases.
+    Mutual(MutualArguments),
+    /// Registration of single anonymous scans: robots, noise, phantoms, misses, silent robots, by method.
+    Registration(registration::RegistrationArguments),
+    /// Levelling: roll and pitch of virtual quadrotors, with and without biases.
+    Attitude(attitude::SimulatedArguments),
 }
 
 /// Options of `experiment cooperative`.
@@ -97,6 +108,51 @@ pub(crate) struct ConsistencyArguments {
     json: bool,
 }
 
+/// Options of `experiment mutual`.
+#[derive(Debug, Args)]
+pub(crate) struct MutualArguments {
+    /// A case to fly, any number of times; all when not given.
+    #[arg(long = "case", value_name = "NAME", value_parser = mutual_case)]
+    cases: Vec<Case>,
+    /// Who estimates, any number of times; all when not given.
+    #[arg(long = "method", value_name = "NAME", value_parser = mutual_method)]
+    methods: Vec<Method>,
+    /// Samples a case.
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    samples: u64,
+    /// Seed of all random streams.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Threads; all cores when not given.
+    #[arg(long)]
+    threads: Option<usize>,
+    /// Where the CSV and SVG files go.
+    #[arg(long, default_value = "out/mutual")]
+    output: PathBuf,
+    /// Write the error of every neighbour at every image of every flight too.
+    #[arg(long)]
+    moments: bool,
+    /// Print one JSON array, one object a case and method, instead of the table.
+    #[arg(long)]
+    json: bool,
+}
+
+/// A case of mutual localisation by its name.
+fn mutual_case(name: &str) -> Result<Case, String> {
+    Case::named(name).ok_or_else(|| {
+        let names: Vec<&str> = CASES.iter().map(|case| case.name).collect();
+        format!("there is no such case, but {}", names.join(", "))
+    })
+}
+
+/// A method of mutual localisation by its name.
+fn mutual_method(name: &str) -> Result<Method, String> {
+    Method::named(name).ok_or_else(|| {
+        let names: Vec<&str> = METHODS.iter().map(|method| method.name()).collect();
+        format!("there is no such method, but {}", names.join(", "))
+    })
+}
+
 /// A cell by its name.
 fn cell(name: &str) -> Result<Cell, String> {
     Cell::named(name).ok_or_else(|| {
@@ -113,6 +169,15 @@ pub(crate) fn run(experiment: &Experiment) -> miette::Result<()> {
         Experiment::Modes(arguments) => rayon_pool(arguments.threads)?.install(|| modes(arguments)),
         Experiment::Consistency(arguments) => {
             rayon_pool(arguments.threads)?.install(|| consistency(arguments))
+        }
+        Experiment::Mutual(arguments) => {
+            rayon_pool(arguments.threads)?.install(|| mutual(arguments))
+        }
+        Experiment::Registration(arguments) => {
+            rayon_pool(arguments.threads)?.install(|| registration::fly(arguments))
+        }
+        Experiment::Attitude(arguments) => {
+            rayon_pool(arguments.threads)?.install(|| attitude::fly(arguments))
         }
     }
 }
@@ -151,8 +216,61 @@ fn consistency(arguments: &ConsistencyArguments) -> miette::Result<()> {
     print(&consistency::report::table(&results))
 }
 
+fn mutual(arguments: &MutualArguments) -> miette::Result<()> {
+    let cases = if arguments.cases.is_empty() {
+        CASES.to_vec()
+    } else {
+        arguments.cases.clone()
+    };
+    let methods = if arguments.methods.is_empty() {
+        METHODS.to_vec()
+    } else {
+        arguments.methods.clone()
+    };
+    let progress = progress(arguments.samples * (cases.len() * methods.len()) as u64)?;
+    let request = mutual::Request {
+        samples: arguments.samples,
+        seed: arguments.seed,
+        methods,
+    };
+    let mut results = Vec::new();
+    for case in &cases {
+        progress.set_message(case.name);
+        for mut result in mutual::run(case, &request, || progress.inc(1)) {
+            for (name, svg) in mutual::figures::of(&result).into_diagnostic()? {
+                write(&arguments.output, &name, &svg)?;
+            }
+            if arguments.moments {
+                let name = format!("{}-{}-moments.csv", result.case, result.method.name());
+                write(
+                    &arguments.output,
+                    &name,
+                    &mutual::report::moments_csv(&result),
+                )?;
+            }
+            // They are drawn; those of all cases together would be a lot to keep.
+            result.flights.clear();
+            results.push(result);
+        }
+    }
+    progress.finish_and_clear();
+    write(
+        &arguments.output,
+        "mutual.csv",
+        &mutual::report::csv(&results),
+    )?;
+    if arguments.json {
+        return print_json(&results);
+    }
+    print(&format!(
+        "{}\nCSV and SVG files: {}\n",
+        mutual::report::table(&results),
+        arguments.output.display()
+    ))
+}
+
 /// Writes a file of the caller's naming.
-fn write_to(file: &Path, text: &str) -> miette::Result<()> {
+pub(crate) fn write_to(file: &Path, text: &str) -> miette::Result<()> {
     let name = file.file_name().and_then(|name| name.to_str());
     let name = name.ok_or_else(|| miette::miette!("{} is no file", file.display()))?;
     write(file.parent().unwrap_or(Path::new(".")), name, text)
@@ -190,7 +308,7 @@ fn modes(arguments: &ModesArguments) -> miette::Result<()> {
 }
 
 /// A bar that counts flights.
-fn progress(flights: u64) -> miette::Result<ProgressBar> {
+pub(crate) fn progress(flights: u64) -> miette::Result<ProgressBar> {
     Ok(ProgressBar::new(flights).with_style(
         ProgressStyle::with_template("{wide_bar} {pos}/{len} flights, {eta} left, {msg}")
             .into_diagnostic()?,
@@ -245,7 +363,7 @@ fn cooperative(arguments: &CooperativeArguments) -> miette::Result<()> {
 }
 
 /// A pool of the threads asked for.
-fn rayon_pool(threads: Option<usize>) -> miette::Result<rayon::ThreadPool> {
+pub(crate) fn rayon_pool(threads: Option<usize>) -> miette::Result<rayon::ThreadPool> {
     rayon::ThreadPoolBuilder::new()
         .num_threads(threads.unwrap_or(0))
         .build()

@@ -36,10 +36,10 @@ const FAULTS_EVERY_NS: i64 = 200_000_000;
 #[derive(Debug, Args)]
 pub(crate) struct FlyArguments {
     /// A built-in scenario (section-v, section-v-lossy, section-v-harsh, section-v-partition, section-v-mounted,
-    /// parallel-lines, hover) or a TOML file.
+    /// parallel-lines, hover, square, eight) or a TOML file.
     scenario: String,
-    /// Fly the world only: the agents are other processes with `zenoh` drivers named `odometry` and `relative`, and
-    /// `[simulation] enabled = true`.
+    /// Fly the world only: the agents are other processes with `zenoh` drivers named `odometry` and `relative`
+    /// (of `square` and `eight` also `imu` and `camera`), and `[simulation] enabled = true`.
     #[arg(long)]
     world_only: bool,
     /// Name of the fleet.
@@ -64,7 +64,7 @@ pub(crate) struct FlyArguments {
     #[arg(long, default_value_t = 0)]
     sample: u64,
     /// How the agents weigh their rounds.
-    #[arg(long, value_enum, default_value_t = ModeName::Star)]
+    #[arg(long, value_enum, default_value_t = ModeName::Team)]
     mode: ModeName,
     /// Leave the sensor mounts out of the agents' configuration, to see what that costs.
     #[arg(long)]

@@ -2,12 +2,14 @@
 
 #[cfg(feature = "live")]
 mod air;
+mod attitude;
 mod experiment;
 mod files;
 #[cfg(feature = "live")]
 mod fly;
 mod mode_name;
 mod output;
+mod registration;
 mod replay;
 
 use clap::{Parser, Subcommand};

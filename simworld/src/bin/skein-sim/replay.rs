@@ -1,5 +1,6 @@
 //! `skein-sim replay`: recordings of real robots, each robot fed to a vehicle of its own.
 
+use crate::attitude;
 use crate::files;
 use crate::mode_name::ModeName;
 use crate::output::{print, print_json};
@@ -21,6 +22,8 @@ use std::path::PathBuf;
 pub(crate) enum Replay {
     /// UTIAS MR.CLAM: five robots in the plane, odometry, range and bearing to each other, motion capture as truth.
     Mrclam(MrclamArguments),
+    /// Inertial sensors with a true vertical beside them: how far the levelled one is off.
+    Attitude(attitude::RecordedArguments),
 }
 
 /// Options of `replay mrclam`.
@@ -43,8 +46,8 @@ pub(crate) struct MrclamArguments {
     /// Stop after so many recorded seconds.
     #[arg(long)]
     duration: Option<f64>,
-    /// How rounds are weighed: `star` (robust, the default), `team` (everybody together) or `paper`.
-    #[arg(long, value_enum, default_value_t = ModeName::Star)]
+    /// How rounds are weighed: `team` (everybody together, the default), `star` (robust) or `paper`.
+    #[arg(long, value_enum, default_value_t = ModeName::Team)]
     mode: ModeName,
     /// Drop which robot each reading is of, and lay it to the nearest by the published estimates; with --virtual.
     #[arg(long, requires = "in_virtual_time")]
@@ -58,7 +61,13 @@ pub(crate) struct MrclamArguments {
 }
 
 pub(crate) fn run(replay: &Replay) -> miette::Result<()> {
-    let Replay::Mrclam(arguments) = replay;
+    match replay {
+        Replay::Mrclam(arguments) => mrclam(arguments),
+        Replay::Attitude(arguments) => attitude::replay(arguments),
+    }
+}
+
+fn mrclam(arguments: &MrclamArguments) -> miette::Result<()> {
     let calibration = match &arguments.calibration {
         None => Calibration::default(),
         Some(path) => {

@@ -1,6 +1,6 @@
 //! The cells of the study: who flies, what they measure, what goes wrong, and what is asked of the team estimator.
 
-use super::hearing::Air;
+use super::hearing::{Air, is_one_half};
 use super::history::{self, History};
 use super::{fixes, mistakes, odometer};
 use crate::experiment::solver_only::NotBare;
@@ -14,6 +14,10 @@ use nalgebra::Vector3;
 pub const LIAR: usize = 1;
 /// Who is told where it is in the cell with absolute fixes.
 const FIXED: usize = 0;
+/// The round in which two halves of a team meet.
+pub const MEETING: usize = 100;
+/// The round in which a vehicle has fixes again: after a minute.
+const REGAINED: usize = 300;
 /// How far noise that is not white remembers: `exp(-1/5)`, five rounds.
 const CORRELATION: f64 = 0.818_730_753;
 /// The five kinds, a vehicle each in turn when they are mixed.
@@ -44,8 +48,14 @@ pub enum Trouble {
     Biased,
     /// Odometry's noise is correlated over five rounds.
     Correlated,
+    /// The same, and odometry states for each round what its noise adds up to over many.
+    CorrelatedStated,
     /// One vehicle has absolute fixes.
     Fixes,
+    /// One vehicle has them after a minute without.
+    Regained,
+    /// The even half of the team has fixes, by one vehicle, and does not see the odd half until they meet.
+    Meeting,
     /// The odometry of one vehicle tells 10 % too much motion.
     LyingOdometry,
     /// What one vehicle measures is 1 m off from round 30 to round 60.
@@ -72,6 +82,8 @@ pub struct Asked {
     pub rmse_m: Option<f64>,
     /// Where its NEES should be.
     pub nees: Option<(f64, f64)>,
+    /// The most standard deviations that those may move who are scored apart, when they meet the others.
+    pub moved_sigmas: Option<f64>,
 }
 
 /// One cell.
@@ -115,6 +127,7 @@ const BASE: Cell = Cell {
         ratio: None,
         rmse_m: None,
         nees: None,
+        moved_sigmas: None,
     },
 };
 const HONEST: Option<(f64, f64)> = Some((0.85, 1.15));
@@ -158,7 +171,7 @@ const fn loss(name: &'static str, loss: f64, repeats: usize, asked: Asked) -> Ce
         air: Air {
             loss,
             repeats,
-            delay_rounds: 0,
+            ..Air::PERFECT
         },
         asked,
         ..BASE
@@ -175,7 +188,7 @@ const fn trouble(name: &'static str, trouble: Trouble, asked: Asked) -> Cell {
 }
 
 /// All cells, in the order of the table.
-pub const CELLS: [Cell; 35] = [
+pub const CELLS: [Cell; 38] = [
     team("pose-2", 2, honest(1.02)),
     team("pose-3", 3, honest(1.02)),
     team("pose-5", 5, honest(1.02)),
@@ -192,6 +205,27 @@ pub const CELLS: [Cell; 35] = [
     sensing("mixed", Sensing::Mixed, BASE.asked),
     sensing("levers", Sensing::Mounted, BASE.asked),
     trouble("fixes", Trouble::Fixes, BASE.asked),
+    Cell {
+        rounds: REGAINED + 20,
+        ..trouble("fixes-regained", Trouble::Regained, honest(1.1))
+    },
+    Cell {
+        robots: 6,
+        // Two seconds after they meet.
+        rounds: MEETING + 10,
+        air: Air {
+            apart_rounds: MEETING,
+            ..Air::PERFECT
+        },
+        ..trouble(
+            "meeting",
+            Trouble::Meeting,
+            Asked {
+                moved_sigmas: Some(3.0),
+                ..at_most(1.1)
+            },
+        )
+    },
     loss("loss-30", 0.3, 0, BASE.asked),
     loss(
         "loss-30-repeats",
@@ -242,13 +276,14 @@ pub const CELLS: [Cell; 35] = [
     ),
     trouble("biased", Trouble::Biased, at_most(1.05)),
     trouble("correlated", Trouble::Correlated, BASE.asked),
-    trouble("lying-odometry", Trouble::LyingOdometry, BASE.asked),
-    trouble("lying-sensor", Trouble::LyingSensor, BASE.asked),
+    trouble("correlated-stated", Trouble::CorrelatedStated, BASE.asked),
+    trouble("lying-odometry", Trouble::LyingOdometry, at_most(1.1)),
+    trouble("lying-sensor", Trouble::LyingSensor, at_most(1.1)),
     Cell {
         air: Air {
             loss: 0.3,
             repeats: 3,
-            delay_rounds: 0,
+            ..Air::PERFECT
         },
         ..trouble("outliers-and-loss", Trouble::AllOutliers, BASE.asked)
     },
@@ -332,6 +367,7 @@ impl Cell {
     fn go_wrong(&self, history: &mut History, streams: &Streams) {
         let outliers = &mut streams.vehicle(0, Purpose::Outlier);
         let bursts = &mut streams.vehicle(0, Purpose::WrongBurst);
+        let fixed = &mut streams.vehicle(FIXED, Purpose::Fix);
         match self.trouble {
             Trouble::None | Trouble::Misstated(_) | Trouble::Biased | Trouble::LyingOdometry => {}
             Trouble::Gross(share) => mistakes::gross(history, share, outliers),
@@ -343,8 +379,20 @@ impl Cell {
                 mistakes::burst(history, bursts);
             }
             Trouble::Correlated => odometer::correlate(history, CORRELATION),
-            Trouble::Fixes => {
-                fixes::add(history, FIXED, &mut streams.vehicle(FIXED, Purpose::Fix));
+            Trouble::CorrelatedStated => {
+                odometer::correlate(history, CORRELATION);
+                // The variance of a long sum of such noise over that of as much white noise.
+                let adds_up = (1.0 + CORRELATION) / (1.0 - CORRELATION);
+                odometer::restate(history, adds_up.sqrt());
+            }
+            Trouble::Fixes => fixes::add(history, FIXED, 0, fixed),
+            Trouble::Regained => fixes::add(history, FIXED, REGAINED, fixed),
+            Trouble::Meeting => {
+                fixes::add(history, FIXED, 0, fixed);
+                for round in history.rounds.iter_mut().take(MEETING) {
+                    let sightings = &mut round.sightings;
+                    sightings.retain(|sighting| is_one_half(sighting.from, sighting.to));
+                }
             }
             Trouble::LyingSensor => {
                 mistakes::displaced_sensor(history, LIAR, 30..60, &Vector3::x());
@@ -356,6 +404,13 @@ impl Cell {
     #[must_use]
     pub const fn is_honest(&self, vehicle: usize) -> bool {
         !(vehicle == LIAR && matches!(self.trouble, Trouble::LyingOdometry | Trouble::LyingSensor))
+    }
+
+    /// Whether a vehicle is scored apart from the others: who lies, and the half that has fixes when two meet.
+    #[must_use]
+    pub const fn is_scored_apart(&self, vehicle: usize) -> bool {
+        let has_fixes = matches!(self.trouble, Trouble::Meeting) && is_one_half(vehicle, FIXED);
+        has_fixes || !self.is_honest(vehicle)
     }
 }
 

@@ -15,6 +15,8 @@ pub struct Air {
     pub repeats: usize,
     /// Rounds that a packet takes.
     pub delay_rounds: usize,
+    /// Rounds in which the two halves of the team, vehicles of even and of odd numbers, are out of each other's reach.
+    pub apart_rounds: usize,
 }
 
 impl Air {
@@ -23,13 +25,20 @@ impl Air {
         loss: 0.0,
         repeats: 0,
         delay_rounds: 0,
+        apart_rounds: 0,
     };
 
     /// Whether everybody hears everything at once.
     #[must_use]
     pub fn is_perfect(&self) -> bool {
-        self.loss <= 0.0 && self.delay_rounds == 0
+        self.loss <= 0.0 && self.delay_rounds == 0 && self.apart_rounds == 0
     }
+}
+
+/// Whether two vehicles are of the same half of their team.
+#[must_use]
+pub const fn is_one_half(a: usize, b: usize) -> bool {
+    a % 2 == b % 2
 }
 
 /// What everybody hears in one flight.
@@ -49,8 +58,9 @@ impl Hearing {
                 return (0..=last).map(Some).collect();
             }
             let mut stream = streams.pair(sender, receiver, Purpose::Radio);
+            let is_apart = |k: usize| k < air.apart_rounds && !is_one_half(receiver, sender);
             let is_heard: Vec<bool> = (0..=last)
-                .map(|k| stream.random::<f64>() >= air.loss || k == 0)
+                .map(|k| (stream.random::<f64>() >= air.loss && !is_apart(k)) || k == 0)
                 .collect();
             let arrival = |k: usize| {
                 let carriers = k..=(k + air.repeats).min(last);
@@ -80,8 +90,7 @@ mod tests {
 
     const LOSSY: Air = Air {
         loss: 0.3,
-        repeats: 0,
-        delay_rounds: 0,
+        ..Air::PERFECT
     };
 
     fn hearing(air: &Air) -> Hearing {
@@ -125,6 +134,21 @@ mod tests {
         }
         // Four in a row: 0.3^4.
         assert!(unheard(&repeated) < 0.02);
+    }
+
+    #[test]
+    fn two_halves_that_are_apart_hear_each_other_from_when_they_meet_and_know_the_starts() {
+        let air = Air {
+            apart_rounds: 100,
+            ..Air::PERFECT
+        };
+        let hearing = Hearing::new(&air, 3, 200, &Streams::new(1, 0));
+        for k in 0..=200 {
+            let heard = (k == 0 || k >= 100).then_some(k);
+            assert_eq!(hearing.arrival(0, 1, k), heard);
+            assert_eq!(hearing.arrival(0, 2, k), Some(k));
+        }
+        assert!(!air.is_perfect());
     }
 
     #[test]

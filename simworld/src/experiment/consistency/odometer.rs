@@ -45,10 +45,8 @@ pub fn correlate(history: &mut History, correlation: f64) {
 
 /// Everything states so many times the noise that it has: odometry, measurements and fixes.
 pub fn misstate(history: &mut History, times: f64) {
+    restate(history, times);
     for round in &mut history.rounds {
-        for moment in &mut round.moments {
-            moment.point.growth = moment.point.growth.scaled(times * times, times * times);
-        }
         let measured = round.sightings.iter_mut();
         let measured = measured.map(|sighting| &mut sighting.observation);
         let fixed = round.fixes.iter_mut().map(|fix| &mut fix.observation);
@@ -56,6 +54,17 @@ pub fn misstate(history: &mut History, times: f64) {
             observation.noise.rotation_rad *= times;
             observation.noise.translation *= times;
         }
+    }
+}
+
+/// Everybody's odometry states so many times the noise that it did.
+pub fn restate(history: &mut History, times: f64) {
+    for moment in history
+        .rounds
+        .iter_mut()
+        .flat_map(|round| &mut round.moments)
+    {
+        moment.point.growth = moment.point.growth.scaled(times * times, times * times);
     }
 }
 

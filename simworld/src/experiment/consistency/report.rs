@@ -1,7 +1,7 @@
 //! The results of the study as people read them: a table, CSV, and one figure.
 
 use super::cell::Cell;
-use super::{CellResult, Method, MethodResult};
+use super::{ApartResult, CellResult, Method, MethodResult};
 use crate::plot::{self, Bar, BarGroup, PlotError};
 use std::fmt::Write;
 
@@ -52,6 +52,12 @@ pub fn missed(result: &CellResult) -> Vec<String> {
     if let Some(most) = asked.rmse_m.filter(|most| team.rmse_m > *most) {
         missed.push(format!("{:.3} m, asked {most:.2}", team.rmse_m));
     }
+    let moved = result.apart.as_ref().and_then(|apart| apart.moved_sigmas);
+    if let (Some(most), Some((_, moved))) = (asked.moved_sigmas, moved)
+        && moved > most
+    {
+        missed.push(format!("moved by {moved:.1} sigmas, asked {most:.0}"));
+    }
     if let (Some((low, high)), Some(nees)) = (asked.nees, &team.nees)
         && !(low..=high).contains(&nees.mean)
     {
@@ -67,7 +73,7 @@ pub fn table(results: &[CellResult]) -> String {
         "RMSE at the last round, m, and over the bound; NEES per degree of freedom at the last round, its 95 % bounds, and\n\
          the share of rounds inside them\n\
          cell                bound   paper    star    team       team / bound    |e|    NEES median  95 %       \
-         inside batch  undetermined quarantines accused    ms\n",
+         inside batch  undetermined quarantines accused    ms  scored apart\n",
     );
     for result in results {
         text += &row(result);
@@ -110,11 +116,18 @@ fn row(result: &CellResult) -> String {
     let batch = result.method(Method::Batch);
     let batch = batch.and_then(|batch| batch.nees.as_ref());
     let batch = batch.map_or_else(|| "-".to_owned(), |nees| format!("{:.2}", nees.mean));
-    let _ = writeln!(
+    let _ = write!(
         text,
         " {batch:>5}  {:>12.2} {:>11.2} {:>7} {:>6.2}",
         result.undetermined, result.quarantines, result.honest_accused, result.milliseconds
     );
+    if let Some(apart) = &result.apart {
+        let _ = write!(text, "  {:.3} +- {:.3}", apart.ratio, apart.ratio_stderr);
+        if let Some((mean, largest)) = apart.moved_sigmas {
+            let _ = write!(text, ", moved by {mean:.1} sigmas, at most {largest:.1}");
+        }
+    }
+    text.push('\n');
     text
 }
 
@@ -123,7 +136,8 @@ fn row(result: &CellResult) -> String {
 pub fn csv(results: &[CellResult]) -> String {
     let mut text = String::from(
         "cell,robots,rounds,samples,seed,method,rmse_m,rmse_stderr_m,mean_norm_m,ratio,ratio_stderr,nees_mean,\
-         nees_median,nees_low,nees_high,nees_inside,undetermined,quarantines,honest_accused,milliseconds\n",
+         nees_median,nees_low,nees_high,nees_inside,undetermined,quarantines,honest_accused,milliseconds,apart_ratio,\
+         apart_ratio_stderr,moved_sigmas_mean,moved_sigmas_largest\n",
     );
     for result in results {
         for of in &result.methods {
@@ -155,17 +169,31 @@ pub fn csv(results: &[CellResult]) -> String {
             let _ = match of.method {
                 Method::Team => writeln!(
                     text,
-                    ",{},{},{},{}",
+                    ",{},{},{},{},{}",
                     result.undetermined,
                     result.quarantines,
                     result.honest_accused,
-                    result.milliseconds
+                    result.milliseconds,
+                    apart_numbers(result.apart.as_ref())
                 ),
-                _ => writeln!(text, ",,,,"),
+                _ => writeln!(text, ",,,,,,,,"),
             };
         }
     }
     text
+}
+
+/// Four columns; empty where there is nothing.
+fn apart_numbers(apart: Option<&ApartResult>) -> String {
+    apart.map_or_else(
+        || ",,,".to_owned(),
+        |apart| {
+            let moved = apart.moved_sigmas;
+            let moved =
+                moved.map_or_else(|| ",".to_owned(), |(mean, most)| format!("{mean},{most}"));
+            format!("{},{},{moved}", apart.ratio, apart.ratio_stderr)
+        },
+    )
 }
 
 /// Bars of the error over the bound, and below them the NEES over time of a few cells.
@@ -249,6 +277,7 @@ mod tests {
                 of(Method::Team, ratio, Some(nees)),
                 of(Method::Batch, 1.0, None),
             ],
+            apart: None,
             undetermined: 0.0,
             quarantines: 0.0,
             honest_accused: 0,
@@ -259,6 +288,14 @@ mod tests {
     #[test]
     fn what_is_asked_and_not_kept_is_said() {
         assert_eq!(missed(&result("pose-5", 1.01, 1.0)), Vec::<String>::new());
+        let mut jumped = result("meeting", 1.01, 1.0);
+        jumped.apart = Some(ApartResult {
+            rmse_m: 0.1,
+            ratio: 1.0,
+            ratio_stderr: 0.01,
+            moved_sigmas: Some((0.5, 3.1)),
+        });
+        assert_eq!(missed(&jumped), ["moved by 3.1 sigmas, asked 3"]);
         let missed = missed(&result("pose-5", 1.03, 1.3));
         assert_eq!(
             missed,
@@ -271,14 +308,21 @@ mod tests {
 
     #[test]
     fn every_cell_has_its_row_every_method_its_line_and_there_is_a_figure() {
-        let results = [result("pose-5", 1.01, 1.0), result("mixed", 1.2, 1.0)];
+        let mut results = [result("pose-5", 1.01, 1.0), result("mixed", 1.2, 1.0)];
+        results[1].apart = Some(ApartResult {
+            rmse_m: 0.1,
+            ratio: 1.4,
+            ratio_stderr: 0.04,
+            moved_sigmas: Some((0.5, 2.5)),
+        });
         let table = table(&results);
         let rows = table.lines().filter(|line| line.starts_with("pose-5  "));
         assert_eq!(rows.count(), 1, "{table}");
+        assert!(table.contains("1.400 +- 0.040, moved by 0.5 sigmas, at most 2.5"));
         let columns = |line: &str| line.split(',').count();
         let csv = csv(&results);
         assert_eq!(csv.lines().count(), 7);
-        assert!(csv.lines().all(|line| columns(line) == 20), "{csv}");
+        assert!(csv.lines().all(|line| columns(line) == 24), "{csv}");
         let figure = figure(&results).unwrap();
         assert_eq!(figure.matches("<svg ").count(), 3);
     }
