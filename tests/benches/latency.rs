@@ -12,7 +12,7 @@ use skein_proto::document::EstimateDocument;
 use skein_proto::frame::{Frame, OdometryFrame};
 use skein_proto::keys::Key;
 use skein_proto::name::Name;
-use skein_vehicle::{Config, SensorConfig, Start, ToldPose};
+use skein_vehicle::{Config, MutualConfig, SensorConfig, Start, ToldPose};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 use zenoh::qos::CongestionControl;
@@ -33,6 +33,7 @@ fn agent(clock: Clock) -> Agent {
         start: Start::Pose(ToldPose::by_hand(Transform::identity())),
         mode: Mode::default(),
         optimiser: Optimiser::default(),
+        mutual: MutualConfig::DEFAULT,
         sensors: vec![SensorConfig {
             name: name("odometry"),
             driver: "zenoh".to_owned(),
@@ -41,6 +42,7 @@ fn agent(clock: Clock) -> Agent {
         body_from_target: Transform::identity(),
         presence_timeout: Span::secs(3),
         repeats: 3,
+        relay: false,
         estimate_spacing: Span::ZERO,
     };
     let settings = Settings {

@@ -4,7 +4,7 @@
 //! - `architecture`: who may depend on whom, asked of Cargo;
 //! - `tidy`: house rules that no compiler checks, and documents that name only what is there;
 //! - `fleet_stories`: what becomes of a fleet in virtual time when radios, clocks, sensors and processes fail;
-//! - `faults`: every fault of section V, and how far off it leaves a team in the default mode;
+//! - `faults`: every fault of section V, and how far off it leaves a team in mode `star`;
 //! - `restarts`: vehicles that lose their pose and get it back;
 //! - `impostors`, `hostile`: vehicles that are told lies and garbage;
 //! - `soak`: flights with every fault on cost no more at the end than near the beginning;

@@ -1,7 +1,9 @@
 //! What stories of fleets in virtual time share: what a user would ask of them, and a world whose drivers bring something
 //! else than they should.
 
-use skein_proto::document::NeighbourHealth;
+use nalgebra::{Matrix6, Vector6};
+use skein_estimation::{Body, Transform, World as WorldFrame, se3};
+use skein_proto::document::{CovarianceDocument, NeighbourHealth};
 use skein_proto::name::Name;
 use skein_proto::status::Status;
 use skein_simworld::fleet::Fleet;
@@ -9,7 +11,7 @@ use skein_simworld::radio::Radio;
 use skein_simworld::scenario::Scenario;
 use skein_simworld::stage::Stage;
 use skein_simworld::truth::Pose;
-use skein_simworld::world::{Delivery, World};
+use skein_simworld::world::{Delivery, World, transform};
 use skein_vehicle::Config;
 
 /// A scenario that ships with the simulator, its seed said in case the story fails.
@@ -42,6 +44,39 @@ pub fn neighbour<'a, S: Stage>(
     of: &str,
 ) -> &'a NeighbourHealth {
     &fleet.health(vehicle).expect("it has published").neighbours[of]
+}
+
+/// The covariance that a vehicle published of its own pose.
+fn covariance<S: Stage>(fleet: &Fleet<S>, vehicle: usize) -> Matrix6<f64> {
+    let estimate = fleet.estimate(vehicle).expect("it has published");
+    let CovarianceDocument {
+        body_twist_rotation_first: numbers,
+    } = estimate.covariance.as_ref().expect("it is in mode `team`");
+    let mut matrix = Matrix6::zeros();
+    let upper = (0..6).flat_map(|row| (row..6).map(move |column| (row, column)));
+    for ((row, column), number) in upper.zip(numbers) {
+        matrix[(row, column)] = *number;
+        matrix[(column, row)] = *number;
+    }
+    matrix
+}
+
+/// Normalised squared error of what a vehicle published of itself, per degree of freedom: one when it means it.
+pub fn nees<S: Stage>(fleet: &Fleet<S>, vehicle: usize) -> f64 {
+    let (truth, estimate) = fleet.scored(vehicle).expect("it has a pose");
+    let estimate: Transform<WorldFrame, Body> = transform(&estimate);
+    let truth: Transform<WorldFrame, Body> = transform(&truth);
+    let error: Vector6<f64> = se3::log(&(estimate.inverse() * truth));
+    let information = covariance(fleet, vehicle).try_inverse();
+    error.dot(&(information.expect("it is certain of nothing") * error)) / 6.0
+}
+
+/// How far off a vehicle expects its position to be, in metres.
+pub fn position_sigma_m<S: Stage>(fleet: &Fleet<S>, vehicle: usize) -> f64 {
+    let estimate = fleet.estimate(vehicle).expect("it has published");
+    let covariance = estimate.covariance.as_ref();
+    let sigma_m = covariance.and_then(CovarianceDocument::position_sigma_m);
+    sigma_m.expect("it is in mode `team`")
 }
 
 /// A world whose frames pass through a change on their way to the drivers.

@@ -2,7 +2,7 @@
 //! changes nothing. Told by the production vehicle and codec in virtual time.
 #![allow(clippy::unwrap_used)]
 
-use skein_estimation::cooperative::Mode;
+use skein_estimation::cooperative::{Mode, Robust};
 use skein_proto::backlog::Backlog;
 use skein_proto::codec::{decode, encode};
 use skein_proto::document::NeighbourHealth;
@@ -40,7 +40,7 @@ fn asking(_: usize, config: Config) -> Config {
 
 fn not_asking(_: usize, config: Config) -> Config {
     Config {
-        mode: Mode::default(),
+        mode: Mode::Star(Robust::DEFAULT),
         ..config
     }
 }

@@ -7,7 +7,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use skein_estimation::Transform;
-use skein_estimation::cooperative::{Mode, Optimiser};
+use skein_estimation::cooperative::{Mode, Optimiser, Robust};
 use skein_estimation::time::{Span, Stamp};
 use skein_proto::codec;
 use skein_proto::document::{EstimateDocument, HealthDocument};
@@ -24,9 +24,13 @@ use skein_simworld::scenario::Scenario;
 use skein_simworld::stage::Stage;
 use skein_simworld::world::{World, nanos};
 use skein_tests::stories::{built_in, name};
-use skein_vehicle::{Config, Input, Output, PacketKey, SensorConfig, Start, ToldPose, Vehicle};
+use skein_vehicle::{
+    Config, Input, MutualConfig, Output, PacketKey, SensorConfig, Start, ToldPose, Vehicle,
+};
 use std::collections::BTreeMap;
 
+/// Each vehicle for itself: what waits for a neighbour's clock there is its prior.
+const STAR: Mode = Mode::Star(Robust::DEFAULT);
 /// The round of every scenario here, 0.2 s.
 const PERIOD_NS: i64 = 200_000_000;
 
@@ -37,7 +41,11 @@ fn mean_square_m2(scenario: &Scenario, sample: u64, ahead_s: impl Fn(usize) -> f
         world.step_clock(vehicle, nanos(ahead_s(vehicle)));
     }
     let radio = Radio::new(&scenario.radio, world.streams());
-    let mut fleet = Fleet::on(world, radio, |_, config| config);
+    let in_star = |_, config| Config {
+        mode: STAR,
+        ..config
+    };
+    let mut fleet = Fleet::on(world, radio, in_star);
     fleet.log();
     fleet.run_until(nanos(20.0));
     let mut last_word = BTreeMap::new();
@@ -171,7 +179,10 @@ impl Puppet {
         let heard_ns = match key {
             PacketKey::Exchange { .. } => codec::decode::<Exchange>(bytes).unwrap().1.sent_ns,
             PacketKey::Odometry { .. } => codec::decode::<RoundRecord>(bytes).unwrap().1.sent_ns,
-            PacketKey::Backlog { .. } => unreachable!("nobody asked"),
+            PacketKey::Features { .. } => unreachable!("section V has no cameras"),
+            PacketKey::Backlog { .. } | PacketKey::Relay { .. } => {
+                unreachable!("nobody asked, nobody relays")
+            }
         };
         self.heard = Some(Echo {
             heard_ns,
@@ -265,8 +276,10 @@ impl Stand {
             period: Span::millis(200),
             round_wait: Span::millis(300),
             start: Start::Pose(ToldPose::by_hand(Transform::identity())),
-            mode: Mode::default(),
+            // The puppet tells a prior and no odometry to smooth.
+            mode: STAR,
             optimiser: Optimiser::gauss_newton(),
+            mutual: MutualConfig::DEFAULT,
             sensors: vec![SensorConfig {
                 name: name("odometry"),
                 driver: "test".to_owned(),
@@ -275,6 +288,7 @@ impl Stand {
             body_from_target: Transform::identity(),
             presence_timeout: Span::secs(3),
             repeats: 3,
+            relay: false,
             estimate_spacing: Span::ZERO,
         };
         let mut stand = Self {
@@ -308,7 +322,10 @@ impl Stand {
                 }
                 Output::Estimate { document, .. } => self.estimate = Some(document),
                 Output::Health(document) => self.health = Some(document),
-                Output::Checkpoint(_) | Output::Ask { .. } | Output::Answer { .. } => {}
+                Output::Checkpoint(_)
+                | Output::Ask { .. }
+                | Output::Work(_)
+                | Output::Answer { .. } => {}
             }
         }
     }
@@ -465,6 +482,7 @@ fn listened(
                 Output::Send { .. }
                 | Output::Checkpoint(_)
                 | Output::Ask { .. }
+                | Output::Work(_)
                 | Output::Answer { .. } => {}
             }
         }

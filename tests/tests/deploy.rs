@@ -1,12 +1,18 @@
 //! What `deploy/` starts exists: programs, their options, their configurations, and a world that fits its agents.
 #![allow(clippy::unwrap_used)]
 
-use skein_agent::{Settings, config};
+use serde_json::Value;
+use skein_agent::{NetworkSettings, Settings, config};
+use skein_proto::envelope::ENVELOPE_BYTES;
+use skein_proto::keys::Key;
+use skein_proto::limits::BACKLOG_BYTES_MAX;
 use skein_proto::name::Name;
 use skein_simworld::scenario::Scenario;
+use skein_tests::stories::name;
 use skein_vehicle::Start;
 use std::collections::BTreeMap;
 use std::path::Path;
+use zenoh::key_expr::OwnedKeyExpr;
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 /// Where configurations lie, on a vehicle and in a container.
@@ -90,6 +96,91 @@ fn the_agents_of_the_test_bed_fit_its_world() {
 #[test]
 fn the_example_configuration_can_be_used() {
     settings("agent/examples/skein.toml");
+}
+
+/// What the access rules of a secured fleet say of messages on keys, in one direction.
+fn rule(access: &Value, id: &str) -> (Vec<OwnedKeyExpr>, Vec<String>) {
+    let rules = access["rules"].as_array().unwrap();
+    let rule = rules.iter().find(|rule| rule["id"] == id).unwrap();
+    let texts = |of: &str| -> Vec<String> {
+        let list = rule[of].as_array().unwrap().iter();
+        list.map(|text| text.as_str().unwrap().to_owned()).collect()
+    };
+    let keys = texts("key_exprs").into_iter();
+    (
+        keys.map(|key| OwnedKeyExpr::new(key).unwrap()).collect(),
+        texts("messages"),
+    )
+}
+
+#[test]
+fn the_access_rules_of_a_secured_fleet_let_everything_pass_that_vehicles_say_and_nothing_in_another_s_name()
+ {
+    let network = NetworkSettings {
+        zenoh_config: Some(Path::new(ROOT).join("deploy/secured/zenoh.json5")),
+        ..NetworkSettings::default()
+    };
+    assert!(network.is_secured().unwrap());
+    let zenoh = network.zenoh().unwrap();
+    let part =
+        |key: &str| -> Value { serde_json::from_str(&zenoh.get_json(key).unwrap()).unwrap() };
+    let access = part("access_control");
+    assert_eq!(access["default_permission"], "deny");
+    let (v1, v2) = (name("v1"), name("v2"));
+    let said = |of| {
+        let keys = [
+            Key::Exchange {
+                from: of,
+                to: name("v3"),
+            },
+            Key::Odometry { from: of },
+            Key::Backlog { of },
+            Key::Relay { from: of },
+            Key::Estimate { of },
+            Key::Health { of },
+            Key::Info { of },
+            Key::Alive { of, boot: 7 },
+        ];
+        keys.map(|key| OwnedKeyExpr::new(key.in_fleet(name("skein"))).unwrap())
+    };
+    let covers = |rule: &[OwnedKeyExpr], key: &OwnedKeyExpr| rule.iter().any(|of| of.includes(key));
+    let (own, messages) = rule(&access, "own-v1");
+    assert!(said(v1).iter().all(|key| covers(&own, key)));
+    assert!(!said(v2).iter().any(|key| covers(&own, key)));
+    // Packets, answers to questions (a backlog among them), and the token.
+    for message in ["put", "reply", "declare_queryable", "liveliness_token"] {
+        assert!(messages.iter().any(|of| of == message), "{message}");
+    }
+    let (read, messages) = rule(&access, "read");
+    assert!(
+        said(v1)
+            .iter()
+            .chain(&said(v2))
+            .all(|key| covers(&read, key))
+    );
+    for message in [
+        "declare_subscriber",
+        "query",
+        "liveliness_query",
+        "declare_liveliness_subscriber",
+    ] {
+        assert!(messages.iter().any(|of| of == message), "{message}");
+    }
+    // An operator's wishes and drivers' frames come from this vehicle's own machine, or need a rule of their own.
+    let verb = Key::Rpc {
+        on: v1,
+        verb: name("set_pose"),
+    }
+    .in_fleet(name("skein"));
+    assert!(!covers(&read, &OwnedKeyExpr::new(verb).unwrap()));
+
+    // The longest packet of a backlog passes, and all packets of one answer together.
+    let size = &part("low_pass_filter")[0]["size_limit"];
+    assert!(size.as_u64().unwrap() as usize >= ENVELOPE_BYTES + BACKLOG_BYTES_MAX);
+    for item in part("downsampling").as_array().unwrap() {
+        let messages = item["messages"].as_array().unwrap();
+        assert!(!messages.iter().any(|message| message == "reply"), "{item}");
+    }
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Everything that goes wrong outside a laboratory, each as a story of section V: how far the default mode is off at the
+//! Everything that goes wrong outside a laboratory, each as a story of section V: how far mode `star` is off at the
 //! end, and what the vehicles' health says of it. Mode `paper` flies beside it and is printed.
 //!
 //! A bound is one of the mean over all flights. Few are flown here, so a story fails when what it flew lies three
@@ -6,7 +6,7 @@
 #![allow(clippy::unwrap_used)]
 
 use rayon::prelude::*;
-use skein_estimation::cooperative::Mode;
+use skein_estimation::cooperative::{Mode, Robust};
 use skein_proto::document::NeighbourHealth;
 use skein_proto::frame::{Frame, RelativeValue};
 use skein_proto::name::Name;
@@ -21,6 +21,8 @@ use skein_tests::stories::{altered, name};
 use skein_vehicle::{Config, Input, ToldPose};
 use std::collections::BTreeMap;
 
+/// The mode that the stories are of: each vehicle for itself, robust. Those of mode `team` are in `team_mode`.
+const STAR: Mode = Mode::Star(Robust::DEFAULT);
 const SEED: u64 = 1;
 const SAMPLES: u64 = 40;
 /// Of a story that is told of each of the five vehicles.
@@ -102,9 +104,9 @@ fn fly(scenario: &Scenario, mode: Mode) -> Flights {
     fly_watched(scenario, mode, |_| ())
 }
 
-/// In the default mode and as published; both are printed.
+/// In mode `star` and as published; both are printed.
 fn both(story: &str, scenario: &Scenario) -> (Flights, Flights) {
-    let star = fly(scenario, Mode::default());
+    let star = fly(scenario, STAR);
     let paper = fly(scenario, Mode::Paper);
     println!("{story}: {}; paper {}", star.line(), paper.line());
     (star, paper)
@@ -199,7 +201,7 @@ fn one_measurement_in_five_grossly_wrong_is_gated_and_costs_next_to_nothing() {
 }
 
 #[test]
-fn one_measurement_in_five_moderately_wrong_harms_the_default_mode_less_than_the_paper() {
+fn one_measurement_in_five_moderately_wrong_harms_the_star_less_than_the_paper() {
     let (star, paper) = both("20 % of 3-10 sigma", &Fault::Moderate.scenario(SEED));
     star.at_most_of_odometry(OF_ODOMETRY)
         .quarantines_nobody()
@@ -239,7 +241,7 @@ fn after_ten_seconds_of_blackout_a_team_is_as_good_as_one_that_believes_everythi
     let believing = fly(&scenario, Method::StarWithoutKernel.mode());
     star.at_most_times(1.1, &believing).quarantines_nobody();
     // Half way the health names everybody as gone, and odometry as all there is.
-    let mut fleet = Fleet::with_configs(&scenario, 0, in_mode(Mode::default()));
+    let mut fleet = Fleet::with_configs(&scenario, 0, in_mode(STAR));
     fleet.run_until(nanos(12.0));
     assert!(neighbours(&fleet).all(|health| !health.present));
     for vehicle in 0..5 {
@@ -281,7 +283,7 @@ fn packets_lost_together_are_missed_and_the_team_holds() {
 
 #[test]
 fn delay_jitter_disorder_and_copies_cost_a_tenth_at_most() {
-    let clean = fly(&section_v(), Mode::default());
+    let clean = fly(&section_v(), STAR);
     clean.at_most(0.24).quarantines_nobody();
     println!("clean: {}", clean.line());
     let (delayed, _) = both("100 ms", &Fault::Delay.scenario(SEED));
@@ -335,7 +337,7 @@ fn links_that_work_one_way_only_are_named_and_cost_only_what_they_carry() {
         let (offset_s, error_s) = (health.clock_offset_s, health.clock_error_s);
         assert!(offset_s.unwrap().abs() <= error_s.unwrap(), "{health:?}");
     };
-    let star = fly_watched(&scenario, Mode::default(), watch);
+    let star = fly_watched(&scenario, STAR, watch);
     let paper = fly(&scenario, Mode::Paper);
     println!("asymmetric links: {}; paper {}", star.line(), paper.line());
     star.at_most_of_odometry(OF_ODOMETRY).quarantines_nobody();
@@ -354,7 +356,7 @@ fn two_parts_of_a_team_find_together_again_as_if_they_believed_everything() {
     star.at_most_times(1.1, &believing)
         .at_most_of_odometry(2.0 * OF_ODOMETRY)
         .quarantines_nobody();
-    let mut fleet = Fleet::with_configs(&scenario, 0, in_mode(Mode::default()));
+    let mut fleet = Fleet::with_configs(&scenario, 0, in_mode(STAR));
     fleet.run_until(nanos(12.0));
     let present = |fleet: &Fleet, of: &str| fleet.health(0).unwrap().neighbours[of].present;
     let seen = ["v2", "v3", "v4", "v5"].map(|of| present(&fleet, of));
@@ -377,7 +379,7 @@ fn a_channel_that_is_too_narrow_drops_packets_and_the_team_holds() {
         let share = total.rate_limited as f64 / total.sent as f64;
         assert!((0.1..0.9).contains(&share), "{total:?}");
     };
-    let star = fly_watched(&scenario, Mode::default(), watch);
+    let star = fly_watched(&scenario, STAR, watch);
     let paper = fly(&scenario, Mode::Paper);
     println!("rate limit: {}; paper {}", star.line(), paper.line());
     // What does not fit are the records, which are the largest: the exchanges with their priors come through.
@@ -400,7 +402,7 @@ fn clocks_that_are_anywhere_within_an_hour_are_found_out_and_cost_little() {
             assert!(error_s.abs() <= health.clock_error_s.unwrap(), "{health:?}");
         }
     };
-    let star = fly_watched(&scenario, Mode::default(), watch);
+    let star = fly_watched(&scenario, STAR, watch);
     let paper = fly(&scenario, Mode::Paper);
     println!("clocks: {}; paper {}", star.line(), paper.line());
     star.at_most_of_odometry(OF_ODOMETRY).quarantines_nobody();
@@ -414,7 +416,7 @@ fn a_vehicle_that_nobody_hears_flies_on_by_odometry_and_the_others_do_without_it
         to_s: 30.0,
         vehicles: vec![4],
     }];
-    for mode in [Mode::default(), Mode::Paper] {
+    for mode in [STAR, Mode::Paper] {
         let flight = |sample| {
             let mut fleet = Fleet::with_configs(&scenario, sample, in_mode(mode));
             let flight = land(&mut fleet, sample, &[0, 1, 2, 3], |world| world);
@@ -436,7 +438,7 @@ fn a_vehicle_that_nobody_hears_flies_on_by_odometry_and_the_others_do_without_it
             mode.name(),
             four.line()
         );
-        if mode == Mode::default() {
+        if mode == STAR {
             four.at_most_of_odometry(OF_ODOMETRY).quarantines_nobody();
         }
     }
@@ -529,7 +531,7 @@ impl Liar {
         }
     }
 
-    /// Flies with its lies in the default mode and in the paper's, and says what that came to beside its silence. What it
+    /// Flies with its lies in mode `star` and in the paper's, and says what that came to beside its silence. What it
     /// sees and says while it is silent is altered by `unsaid`.
     fn beside_silence(
         self,
@@ -538,7 +540,7 @@ impl Liar {
         mend: impl Fn(&World, i64) -> Option<Input> + Sync,
         unsaid: impl Fn(usize, i64, &mut Vec<Delivery>) + Sync,
     ) -> (Exposed, Exposed, Flights) {
-        let star = self.fly(&section_v(), Mode::default(), &lie, &mend);
+        let star = self.fly(&section_v(), STAR, &lie, &mend);
         let paper = self.fly(&section_v(), Mode::Paper, &lie, &mend);
         let silent = self.silent(unsaid);
         println!(
@@ -558,7 +560,7 @@ impl Liar {
             to_s: LIES_S.end,
             vehicles: vec![self.0],
         }];
-        let exposed = self.fly(&scenario, Mode::default(), alter, |_, _| None);
+        let exposed = self.fly(&scenario, STAR, alter, |_, _| None);
         exposed.others
     }
 }

@@ -4,7 +4,7 @@
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use skein_estimation::Transform;
-use skein_estimation::cooperative::Mode;
+use skein_estimation::cooperative::{Mode, Robust};
 use skein_estimation::time::{Span, Stamp};
 use skein_proto::codec;
 use skein_proto::exchange::Exchange;
@@ -20,11 +20,20 @@ use skein_simworld::world::{Delivery, ODOMETRY, RELATIVE, World, nanos, numbers}
 use skein_tests::stories::{altered, built_in, name, neighbour, status, why};
 use skein_vehicle::{Config, Output, PacketKey, SensorConfig, Start, Vehicle};
 
+/// Each vehicle for itself, robust.
+const STAR: Mode = Mode::Star(Robust::DEFAULT);
 /// The round of every scenario here, 0.2 s.
 const PERIOD_NS: i64 = 200_000_000;
 
 fn as_configured(_: usize, config: Config) -> Config {
     config
+}
+
+fn in_star(_: usize, config: Config) -> Config {
+    Config {
+        mode: STAR,
+        ..config
+    }
 }
 
 /// Squared errors of the estimate and of odometry alone, summed over the team at the end of the scenario.
@@ -110,8 +119,8 @@ fn readings_that_are_late_mounted_and_out_of_phase_cost_robot_1_less_than_15_per
             [
                 fly(&plain, sample, Mode::Paper),
                 fly(&mounted, sample, Mode::Paper),
-                fly(&plain, sample, Mode::default()),
-                fly(&mounted, sample, Mode::default()),
+                fly(&plain, sample, STAR),
+                fly(&mounted, sample, STAR),
             ]
         })
         .collect();
@@ -119,16 +128,16 @@ fn readings_that_are_late_mounted_and_out_of_phase_cost_robot_1_less_than_15_per
         let pairs: Vec<(f64, f64)> = flown.iter().map(|of| (of[one], of[other])).collect();
         paired_ratio(&pairs)
     };
-    let ((paper, stderr), (default, default_stderr), (against, _)) =
+    let ((paper, stderr), (star, star_stderr), (against, _)) =
         (ratio(0, 1), ratio(2, 3), ratio(1, 3));
     eprintln!(
-        "{} samples: mounted / plain RMSE = {paper:.3} +- {stderr:.3}; in the default mode {default:.3} +- \
-         {default_stderr:.3}, where it is {against:.3} of the paper's",
+        "{} samples: mounted / plain RMSE = {paper:.3} +- {stderr:.3}; in mode star {star:.3} +- \
+         {star_stderr:.3}, where it is {against:.3} of the paper's",
         flown.len()
     );
     assert!(paper < 1.15, "{paper} +- {stderr}");
-    // The default mode has less error to begin with, of which delay and distance take a larger part.
-    assert!(default < 1.4, "{default} +- {default_stderr}");
+    // The star has less error to begin with, of which delay and distance take a larger part.
+    assert!(star < 1.4, "{star} +- {star_stderr}");
     assert!(against < 1.0, "{against}");
 }
 
@@ -175,7 +184,7 @@ fn a_killed_vehicle_is_missed_comes_back_under_a_new_boot_without_a_prior_and_ha
         });
     };
     let killed = || {
-        let mut fleet = altered(&scenario, 4, as_configured, unplaceable);
+        let mut fleet = altered(&scenario, 4, in_star, unplaceable);
         fleet.run_until(nanos(5.0));
         fleet.kill(4);
         fleet.run_until(nanos(8.0));
@@ -344,8 +353,11 @@ fn with_nobody_present_a_vehicle_says_that_it_is_alone() {
 fn a_team_without_a_pose_says_why_and_what_to_do_and_one_that_is_fixed_places_the_others() {
     let scenario = built_in("hover");
     let config = |index, config: Config| {
+        // Wrong today: in mode `team` what places a vehicle counts for nothing once it is placed, so that two fixes
+        // and no more leave everybody right and `degraded`.
         let mut config = Config {
             start: Start::Unknown,
+            mode: STAR,
             ..config
         };
         if index == 1 {
@@ -458,7 +470,7 @@ fn every_pair_may_measure_another_kind_in_every_round() {
         let mut fleet = altered(
             &scenario,
             sample,
-            as_configured,
+            in_star,
             |_, vehicle, instant_ns, deliveries| {
                 let round = usize::try_from(instant_ns.div_euclid(PERIOD_NS).max(0)).unwrap();
                 for (nth, delivery) in deliveries.iter_mut().enumerate() {
@@ -510,7 +522,7 @@ fn readings_of_names_that_nobody_bears_are_counted_and_change_nothing() {
         let mut fleet = altered(
             &scenario,
             2,
-            as_configured,
+            in_star,
             move |world, vehicle, instant_ns, deliveries| {
                 if !strangers || instant_ns <= 0 {
                     return;
@@ -624,7 +636,7 @@ fn the_first_contact_between_strangers_counts_in_the_round_in_which_it_happens()
         let mut fleet = altered(
             &scenario,
             0,
-            as_configured,
+            in_star,
             |_, vehicle, instant_ns, deliveries| {
                 // Only v1 sees v2, once.
                 if (vehicle, instant_ns) != (0, contact_ns) {

@@ -13,6 +13,7 @@ use skein_proto::document::{EstimateDocument, HealthDocument};
 use skein_proto::envelope::Envelope;
 use skein_proto::estimate::Estimate;
 use skein_proto::exchange::{Echo, Exchange};
+use skein_proto::features::FeatureSet;
 use skein_proto::fixed::Fixed;
 use skein_proto::frame::{
     FixFrame, FixValue, Frame, OdometryFrame, RangesFrame, RelativeFrame, RelativeValue,
@@ -23,6 +24,7 @@ use skein_proto::limits::GROWTH_MAX;
 use skein_proto::measured::{Measured, MeasuredValue};
 use skein_proto::name::Name;
 use skein_proto::record::{Addressed, PeerEcho, Round, RoundFix, RoundRecord, Schedule};
+use skein_proto::relay::Relay;
 use skein_proto::status::Status;
 use skein_simworld::fleet::{Fleet, LoggedValue};
 use skein_simworld::scenario::Scenario;
@@ -153,9 +155,17 @@ fn check_finite(output: &Output) {
             bytes,
         } => drop(decode::<RoundRecord>(bytes).unwrap()),
         Output::Send {
+            key: PacketKey::Features { .. },
+            bytes,
+        } => drop(decode::<FeatureSet>(bytes).unwrap()),
+        Output::Send {
             key: PacketKey::Backlog { .. },
             ..
         } => panic!("a backlog is an answer"),
+        Output::Send {
+            key: PacketKey::Relay { .. },
+            bytes,
+        } => drop(decode::<Relay>(bytes).unwrap()),
         Output::Estimate { packet, document } => {
             decode::<Estimate>(packet).unwrap();
             let poses = document
@@ -184,7 +194,7 @@ fn check_finite(output: &Output) {
                 decode::<Backlog>(bytes).unwrap();
             }
         }
-        Output::Health(_) | Output::Ask { .. } | Output::WakeAt(_) => {}
+        Output::Health(_) | Output::Ask { .. } | Output::Work(_) | Output::WakeAt(_) => {}
     }
 }
 
@@ -241,6 +251,10 @@ fn any_key(rng: &mut impl Rng) -> PacketKey {
         PacketKey::Odometry { from }
     } else if rng.random_ratio(1, 4) {
         PacketKey::Backlog { from }
+    } else if rng.random_ratio(1, 4) {
+        PacketKey::Features { from }
+    } else if rng.random_ratio(1, 4) {
+        PacketKey::Relay { from }
     } else {
         PacketKey::Exchange {
             from,
@@ -300,8 +314,17 @@ fn is_void(input: &Input) -> bool {
                     || decode::<RoundRecord>(bytes)
                         .map_or(true, |(head, _)| from_another(&head, from))
             }
+            PacketKey::Features { from } => {
+                from == me
+                    || decode::<FeatureSet>(bytes)
+                        .map_or(true, |(head, _)| from_another(&head, from))
+            }
             // Nobody asked.
             PacketKey::Backlog { .. } => true,
+            PacketKey::Relay { from } => {
+                from == me
+                    || decode::<Relay>(bytes).map_or(true, |(head, _)| from_another(&head, from))
+            }
         },
         Input::Frame { sensor, bytes } => {
             *sensor == name("unheard_of") || Frame::decode(bytes).is_err()
@@ -711,7 +734,10 @@ fn fly_among_extremes(with_odometry: bool, pieces: usize) -> Pilot {
             let head = match key {
                 PacketKey::Exchange { .. } => decode::<Exchange>(honest).unwrap().0,
                 PacketKey::Odometry { .. } => decode::<RoundRecord>(honest).unwrap().0,
-                PacketKey::Backlog { .. } => unreachable!("nobody asked"),
+                PacketKey::Features { .. } => unreachable!("section V has no cameras"),
+                PacketKey::Backlog { .. } | PacketKey::Relay { .. } => {
+                    unreachable!("nobody asked, nobody relays")
+                }
             };
             let input = match rng.random_range(0..10) {
                 0..5 => extreme_packet(now, head, key.from(), &mut rng),
@@ -813,7 +839,10 @@ fn an_hour_ago(packets: Vec<(PacketKey, Vec<u8>)>) -> Vec<(PacketKey, Vec<u8>)> 
                 }
                 codec::encode(head(envelope), &record).unwrap()
             }
-            PacketKey::Backlog { .. } => unreachable!("nobody asked"),
+            PacketKey::Features { .. } => unreachable!("section V has no cameras"),
+            PacketKey::Backlog { .. } | PacketKey::Relay { .. } => {
+                unreachable!("nobody asked, nobody relays")
+            }
         };
         (key, bytes)
     };

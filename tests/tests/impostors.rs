@@ -348,7 +348,10 @@ fn forged(
                 },
             )
         }
-        PacketKey::Backlog { .. } => unreachable!("nobody asked"),
+        PacketKey::Features { .. } => unreachable!("section V has no cameras"),
+        PacketKey::Backlog { .. } | PacketKey::Relay { .. } => {
+            unreachable!("nobody asked, nobody relays")
+        }
     };
     (*key, bytes.unwrap())
 }
@@ -432,7 +435,9 @@ fn a_flood_of_names_that_nobody_bears_and_of_boots_that_never_echo_changes_nothi
                 let key = match key {
                     PacketKey::Exchange { to, .. } => PacketKey::Exchange { from: phantom, to },
                     PacketKey::Odometry { .. } => PacketKey::Odometry { from: phantom },
+                    PacketKey::Features { .. } => PacketKey::Features { from: phantom },
                     PacketKey::Backlog { .. } => PacketKey::Backlog { from: phantom },
+                    PacketKey::Relay { .. } => PacketKey::Relay { from: phantom },
                 };
                 fleet.inject(0, key, bytes);
                 let claimed = 1_000 + step * 50 + k;
@@ -494,6 +499,7 @@ fn flown_again(mut change: impl FnMut(&mut Vec<u8>)) -> (Vec<Output>, HealthDocu
                 Output::Send { .. }
                 | Output::Checkpoint(_)
                 | Output::Ask { .. }
+                | Output::Work(_)
                 | Output::Answer { .. } => {}
             }
         }

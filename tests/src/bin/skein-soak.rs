@@ -6,6 +6,7 @@
     reason = "tables are what this program is for"
 )]
 
+use skein_estimation::cooperative::Mode;
 use skein_tests::soak::{Footprint, Live, Virtual};
 use std::process::ExitCode;
 
@@ -102,7 +103,7 @@ fn mib(footprint: Option<Footprint>) -> f64 {
 }
 
 fn fly_virtually(minutes: u64) -> bool {
-    let mut flight = Virtual::new(1);
+    let mut flight = Virtual::new(1, Mode::default());
     let mut memory = Watched::new("resident MiB", GROWTH_MAX);
     let mut written = Watched::new("bytes of everything remembered, as text", GROWTH_MAX);
     println!(

@@ -6,7 +6,7 @@ use crate::stories::{Altered, altered, name};
 use rand::seq::IndexedRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use skein_estimation::cooperative::{Mode, Robust};
+use skein_estimation::cooperative::Mode;
 use skein_proto::frame::{Frame, RelativeValue};
 use skein_simworld::fleet::{Fleet, LoggedValue};
 use skein_simworld::radio::{Burst, Duplicate, Partition, RadioSettings, Reorder};
@@ -92,8 +92,8 @@ fn wrong(seed: u64) -> Change {
 }
 
 impl Virtual {
-    /// The flight of a seed, before its first turn.
-    pub fn new(seed: u64) -> Self {
+    /// The flight of a seed in a mode, before its first turn.
+    pub fn new(seed: u64, mode: Mode) -> Self {
         let mut scenario = Scenario::built_in("hover").expect("it is built in");
         scenario.radio = RadioSettings {
             loss: 0.2,
@@ -114,11 +114,8 @@ impl Virtual {
             }),
             ..RadioSettings::default()
         };
-        let robust = |_, config| Config {
-            mode: Mode::Star(Robust::DEFAULT),
-            ..config
-        };
-        let mut fleet = altered(&scenario, seed, robust, wrong(seed));
+        let in_mode = |_, config| Config { mode, ..config };
+        let mut fleet = altered(&scenario, seed, in_mode, wrong(seed));
         fleet.log();
         fleet.run_until(0);
         fleet.run_until(nanos(2.0));
@@ -219,7 +216,9 @@ impl Virtual {
         }
         let key = match key {
             PacketKey::Odometry { .. } => PacketKey::Odometry { from },
+            PacketKey::Features { .. } => PacketKey::Features { from },
             PacketKey::Backlog { .. } => PacketKey::Backlog { from },
+            PacketKey::Relay { .. } => PacketKey::Relay { from },
             PacketKey::Exchange { .. } => PacketKey::Exchange {
                 from,
                 to: self.fleet.config(victim).vehicle,
