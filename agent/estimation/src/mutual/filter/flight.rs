@@ -90,7 +90,7 @@ impl Flight {
     pub(super) fn fly(&mut self, seconds: f64) {
         for _ in 0..(seconds * RATE_HZ) as u32 {
             self.step();
-            if self.step % 2 == 0 {
+            if self.step.is_multiple_of(2) {
                 let right = self.right(0.05);
                 self.measure(&[right]);
             }

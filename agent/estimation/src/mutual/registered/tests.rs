@@ -171,7 +171,9 @@ fn nothing_is_known_before_anyone_is_heard() {
 #[test]
 fn lost_sets_lose_no_motion() {
     let mut team = Team::of(4, bank());
-    team.fly(15.0, |vehicle, step| (step as usize + vehicle) % 3 != 0);
+    team.fly(15.0, |vehicle, step| {
+        !(step as usize + vehicle).is_multiple_of(3)
+    });
     for vehicle in 1..4 {
         assert!(
             team.is_found(vehicle),
@@ -306,7 +308,7 @@ fn sets_out_of_time_change_nothing() {
     late.taken = late.taken - Span::secs(10);
     team.registered.heard(id(1), &late);
     let mut early = team.set(1);
-    early.taken = early.taken + Span::secs(10);
+    early.taken += Span::secs(10);
     team.registered.heard(id(1), &early);
     assert_eq!(team.registered.located(), before);
 }

@@ -364,7 +364,7 @@ fn weights_keep_alternatives_alive_when_tempered() {
 }
 
 fn any_sighting() -> impl Strategy<Value = Sighting> {
-    let angles = prop_oneof![Just(0.0), Just(3.14), -4.0..4.0f64];
+    let angles = prop_oneof![Just(0.0), Just(std::f64::consts::PI), -4.0..4.0f64];
     let sigma = prop_oneof![Just(0.0), Just(f64::NAN), Just(1e9), 0.01..0.2f64];
     (angles.clone(), angles, sigma).prop_map(|(azimuth, zenith, sigma_rad)| Sighting {
         direction: from_angles(azimuth, zenith),
