@@ -47,7 +47,7 @@ fn a_live_team_tells_how_certain_it_is_and_what_became_of_it() {
     let mut together = None;
     within(PATIENCE, "both others are told of with covariances", || {
         together = got("v1", &first).filter(|estimate| {
-            let certain = |other: &&_| certain(*other);
+            let certain = |other: &&_| certain(other);
             estimate.neighbours.iter().filter(certain).count() == 2
         });
         together.is_some()

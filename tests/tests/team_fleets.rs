@@ -162,7 +162,7 @@ fn of_two_sub_teams_that_meet_the_one_with_fixes_stays_and_the_other_is_right_wi
         };
         let config = |vehicle, config| match vehicle {
             FIXED => with_receiver(config),
-            0..3 => config,
+            1 | 2 => config,
             _ => told_wrong(config),
         };
         let mut fleet = altered(&scenario, sample, config, gives_fixes);
