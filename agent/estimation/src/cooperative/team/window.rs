@@ -454,6 +454,7 @@ impl Window {
             of,
             is_new: true,
             failed_gate: false,
+            is_apart: false,
             linear: Linear::default(),
             weight: 0.0,
         }
