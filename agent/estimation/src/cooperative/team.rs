@@ -190,7 +190,8 @@ impl Team {
             .start(at, now, world_from_body, (rotation_rad, translation_m))
     }
 
-    /// Where to look for a vehicle of which nothing is known: where the search begins, and no information.
+    /// Where to look for a vehicle of which nothing is known: where the search begins, and no information. In the round in
+    /// which this vehicle joins the window reaches back to there, however short it is otherwise, within bounds.
     ///
     /// # Errors
     /// [`Unused`] when it is located already.
@@ -199,7 +200,17 @@ impl Team {
         at: &Moment,
         world_from_body: &Transform<World, Body>,
     ) -> Result<(), Unused> {
-        self.window.place(at, world_from_body)
+        self.window.place(at, world_from_body)?;
+        if at.vehicle == self.window.own {
+            self.window.joined = Some(at.instant);
+        }
+        Ok(())
+    }
+
+    /// Since when the window holds poses: what was measured before that is too late. None before the first round.
+    #[must_use]
+    pub fn since(&self) -> Option<Stamp> {
+        self.window.cutoff
     }
 
     /// A vehicle was there, by its odometry.
