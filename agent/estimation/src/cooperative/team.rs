@@ -190,7 +190,8 @@ impl Team {
             .start(at, now, world_from_body, (rotation_rad, translation_m))
     }
 
-    /// Where to look for a vehicle of which nothing is known: where the search begins, and no information.
+    /// Where to look for a vehicle of which nothing is known: where the search begins, and no information. In the round in
+    /// which this vehicle joins the window reaches back to there, however short it is otherwise, within bounds.
     ///
     /// # Errors
     /// [`Unused`] when it is located already.
@@ -199,7 +200,17 @@ impl Team {
         at: &Moment,
         world_from_body: &Transform<World, Body>,
     ) -> Result<(), Unused> {
-        self.window.place(at, world_from_body)
+        self.window.place(at, world_from_body)?;
+        if at.vehicle == self.window.own {
+            self.window.joined = Some(at.instant);
+        }
+        Ok(())
+    }
+
+    /// Since when the window holds poses: what was measured before that is too late. None before the first round.
+    #[must_use]
+    pub fn since(&self) -> Option<Stamp> {
+        self.window.cutoff
     }
 
     /// A vehicle was there, by its odometry.
@@ -350,9 +361,14 @@ impl Team {
             if !largest.is_finite() {
                 break Err(NotDetermined);
             }
-            if iteration >= window.settings.iterations
-                || (iteration > 1 && largest < normal::STEP_NEGLIGIBLE)
-            {
+            // Whoever is heard for the first time in a while is found farther from where odometry left it than the usual
+            // iterations reach: what is left then looks like measurements that fit nobody.
+            let most = if largest > STEP_LARGE {
+                ITERATIONS_MAX
+            } else {
+                window.settings.iterations
+            };
+            if iteration >= most || (iteration > 1 && largest < normal::STEP_NEGLIGIBLE) {
                 break Ok(());
             }
         };
@@ -379,7 +395,13 @@ impl Team {
             .chain(&mut tested)
         {
             let linear = &edge.linear;
-            let spread = self.normal.covariance_of(window, edge, &linear.twist);
+            let apart = self
+                .normal
+                .covariance_of(window, edge, &Matrix6::identity());
+            let turned = apart.fixed_view::<3, 3>(0, 0).trace();
+            // What is not a number is apart.
+            edge.is_apart = turned.is_nan() || turned > APART_RAD * APART_RAD;
+            let spread = linear.twist * apart * linear.twist.transpose();
             let innovation = (spread + Matrix6::identity()).cholesky();
             let square = innovation.map_or(f64::INFINITY, |innovation| {
                 linear.residual.dot(&innovation.solve(&linear.residual))
@@ -505,7 +527,7 @@ impl Team {
         let window = &mut self.window;
         let mut measured: BTreeMap<VehicleId, Vec<(VehicleId, bool)>> = BTreeMap::new();
         let new = window.edges.iter().filter(|edge| edge.is_new);
-        for edge in new.filter(|edge| edge.from.is_some()) {
+        for edge in new.filter(|edge| edge.from.is_some() && !edge.is_apart) {
             let by = measured.entry(edge.by).or_default();
             by.push((edge.of, edge.weight < 0.5));
         }
@@ -545,14 +567,18 @@ impl Team {
                 counts.0 += u32::from(edge.failed_gate);
                 counts.1 += 1;
             };
-            for edge in window.edges.iter().filter(|edge| edge.is_new) {
+            for edge in window
+                .edges
+                .iter()
+                .filter(|edge| edge.is_new && !edge.is_apart)
+            {
                 if edge.of == *vehicle {
                     count(&mut of, edge);
                 } else if edge.by == *vehicle {
                     count(&mut by, edge);
                 }
             }
-            let tested = window.tested.iter();
+            let tested = window.tested.iter().filter(|edge| !edge.is_apart);
             for edge in tested.filter(|edge| edge.by == *vehicle) {
                 count(&mut by, edge);
             }
@@ -622,6 +648,13 @@ impl Team {
 
 /// Vehicles from which on it shows whose odometry errs when measurements do not fit it.
 const WITNESSED_FROM: usize = 3;
+/// Two vehicles are apart while it is not known better than this how they are turned against each other (the root of the
+/// sum of three variances, radians): a measurement between them then says where they are, and nothing against anybody.
+const APART_RAD: f64 = 0.5;
+/// A largest step above which a round goes on, radians or metres...
+const STEP_LARGE: f64 = 0.05;
+/// ...for so many iterations at most.
+const ITERATIONS_MAX: usize = 12;
 /// An axis of which a measurement tells less than this share of a degree of freedom is not judged by it.
 const AXIS_MIN: f64 = 0.05;
 /// A whitened residual below this is no noise: of robots on a plane, what stands upright says nothing of their sensors.

@@ -9,7 +9,7 @@ use super::measured_edge::{MeasuredEdge, PoseId};
 use super::noise_scales::NoiseScales;
 use super::normal::Sums;
 use super::prior::{Anchor, Prior, Unknown, subtract_marginal};
-use super::settings::MEMBERS_MAX;
+use super::settings::{Lag, MEMBERS_MAX};
 use super::window::{PRESENT_ROUNDS, Window};
 use crate::VehicleId;
 use crate::time::{Span, Stamp};
@@ -21,6 +21,8 @@ const DEAF_AFTER_ROUNDS: i64 = 5;
 const DEAF_ROUNDS_MAX: i64 = 50;
 /// Rounds that the poses are still kept after somebody is heard again.
 const RETURN_ROUNDS: i64 = 6;
+/// Rounds that the window reaches back at most when this vehicle joins a team that is not large.
+const JOINED_ROUNDS_MAX: i64 = 12;
 
 impl Window {
     /// The poses that have left the window go into the prior.
@@ -38,6 +40,14 @@ impl Window {
         let is_held = self.held_until.is_some_and(|until| newest < until);
         let half = Span::from_nanos(self.period.as_nanos() / 2);
         let usual = newest - self.period * i64::from(self.lag()) - half;
+        // What places this vehicle is older than its place in the window.
+        let usual = match self.joined.take() {
+            Some(joined) if self.members.len() <= Lag::MANY => {
+                let most = newest - self.period * JOINED_ROUNDS_MAX;
+                usual.min((joined - half).max(most))
+            }
+            _ => usual,
+        };
         let oldest = newest - self.period * DEAF_ROUNDS_MAX;
         let cutoff = match self.cutoff {
             Some(before) if is_held => before.max(oldest),

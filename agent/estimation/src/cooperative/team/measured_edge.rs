@@ -27,6 +27,8 @@ pub(super) struct MeasuredEdge {
     /// Whether it came in this round.
     pub(super) is_new: bool,
     pub(super) failed_gate: bool,
+    /// Whether, before it, so little was known of how its ends are turned against each other that it proves nobody wrong.
+    pub(super) is_apart: bool,
     /// At the last poses.
     pub(super) linear: Linear,
     /// By its kernel, at the last linearisation.

@@ -17,7 +17,7 @@ pub struct Settings {
     pub cauchy: f64,
     /// Rounds at the start in which those that failed the gate weigh like the others, while the noise scales settle.
     pub settling_rounds: u32,
-    /// Gauss-Newton iterations of a round.
+    /// Gauss-Newton iterations of a round; more while they still take it far.
     pub iterations: usize,
     /// What is expected of everybody's odometry.
     pub bias: BiasNoise,

@@ -89,6 +89,8 @@ pub(super) struct Window {
     pub(super) cutoff: Option<Stamp>,
     /// Until when the cutoff stays where it is.
     pub(super) held_until: Option<Stamp>,
+    /// Where in time this vehicle joined, until the round after that.
+    pub(super) joined: Option<Stamp>,
 }
 
 impl Window {
@@ -111,6 +113,7 @@ impl Window {
             distance_rounds: 0,
             cutoff: None,
             held_until: None,
+            joined: None,
         }
     }
 
@@ -454,6 +457,7 @@ impl Window {
             of,
             is_new: true,
             failed_gate: false,
+            is_apart: false,
             linear: Linear::default(),
             weight: 0.0,
         }

@@ -177,3 +177,41 @@ fn a_vehicle_whose_odometry_slips_once_is_found_where_it_is() {
         }
     }
 }
+
+#[test]
+fn two_halves_of_a_team_that_hear_each_other_after_a_long_time_accuse_nobody() {
+    let (meeting, rounds) = (80, 90);
+    let is_one_half = |sighting: &Sighting| (sighting.from < 3) == (sighting.to < 3);
+    for seed in 0..8 {
+        let conditions = Conditions {
+            odometry: (0.02, 0.01),
+            ..Conditions::good(6, rounds)
+        };
+        let flight = Flight::fly(seed, &conditions);
+        let mut team = flight.team(Settings::DEFAULT);
+        for round in 1..rounds {
+            // Radio reaches farther than sensors: nobody sees the other half yet.
+            let is_heard = |vehicle: usize| vehicle < 3 || round >= meeting;
+            for (vehicle, moment) in flight.moments[round].iter().enumerate() {
+                if is_heard(vehicle) {
+                    team.heard(moment).unwrap();
+                }
+            }
+            for sighting in &flight.sightings[round] {
+                if is_heard(sighting.from) && is_one_half(sighting) {
+                    let told = flight.tell(&mut team, sighting, round);
+                    assert!(matches!(told, Ok(()) | Err(Unused::LeftOut)), "{told:?}");
+                }
+            }
+            assert!(!team.solve().undetermined, "seed {seed}, round {round}");
+            for vehicle in 0..6 {
+                let member = team.member(id(vehicle)).unwrap();
+                let is_accused = member.quarantined || member.odometry_lies;
+                assert!(
+                    !is_accused,
+                    "seed {seed}, round {round}, vehicle {vehicle}: {member:?}"
+                );
+            }
+        }
+    }
+}

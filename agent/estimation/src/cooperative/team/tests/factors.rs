@@ -27,6 +27,7 @@ fn edge(observation: &Observation, from: Option<PoseId>) -> MeasuredEdge {
         of: id(1),
         is_new: true,
         failed_gate: false,
+        is_apart: false,
         linear: Linear::default(),
         weight: 1.0,
     }

@@ -145,3 +145,49 @@ fn only_the_nearest_are_measured_and_a_newcomer_is_located_all_the_same() {
     assert!(statistics.left_out > 0, "{statistics:?}");
     assert!(team.is_located(id(9)), "whoever is unknown may be near");
 }
+
+#[test]
+fn two_fixes_that_place_a_vehicle_before_its_first_round_count_once_each() {
+    const NOW: usize = 10;
+    let flight = Flight::fly(SEED, &Conditions::good(7, NOW + 1));
+    let noise = Noise {
+        rotation_rad: 0.01,
+        translation: 0.02,
+    };
+    let fixed = |team: &mut Team, round: usize| {
+        let fix = Observation {
+            measurement: Measurement::pose(flight.truth[round][0].reframe()).unwrap(),
+            noise,
+            from_end: Transform::identity(),
+            to_end: Transform::identity(),
+        };
+        team.fixed(&flight.moments[round][0], 0, &fix)
+    };
+    // The window of so many is short: by itself it would not reach back to the first fix.
+    assert!(Settings::DEFAULT.lag.usual < 7);
+    let placed_at = |round: usize| {
+        let mut team = Team::new(id(0), PERIOD, Settings::DEFAULT);
+        for vehicle in 1..7 {
+            let (moment, truth) = (&flight.moments[0][vehicle], &flight.truth[0][vehicle]);
+            team.start(moment, moment, truth, 0.1, 0.1).unwrap();
+        }
+        team.place(&flight.moments[round][0], &flight.truth[round][0])
+            .unwrap();
+        for moment in flight.moments[round..].iter().flatten() {
+            team.heard(moment).unwrap();
+        }
+        team
+    };
+    let sigma_rad = |team: &Team| team.own().unwrap().covariance[(0, 0)].sqrt();
+    let mut team = placed_at(3);
+    fixed(&mut team, 3).unwrap();
+    fixed(&mut team, 7).unwrap();
+    assert_eq!(fixed(&mut team, 3), Err(Unused::Counted));
+    assert!(!team.solve().undetermined);
+    let expected = noise.rotation_rad / 2.0_f64.sqrt();
+    let sigma = sigma_rad(&team);
+    assert!((expected..1.5 * expected).contains(&sigma), "{sigma} rad");
+    assert!(flight.own_error_m(&team, NOW) < 0.1);
+    assert!(!team.solve().undetermined, "and the window is short again");
+    assert!(team.statistics().poses <= 7 * 5, "{:?}", team.statistics());
+}
