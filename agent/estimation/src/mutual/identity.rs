@@ -5,8 +5,8 @@
 //! close, and that is read out. A neighbour that is sure enough gets a bank of filters over its distance, then a place in
 //! the joint filter of all neighbours, which takes the raw features of all and what the inertial sensors integrated.
 
-use crate::mutual::direction::{turned, wrapped};
-use crate::mutual::feature_set::{FeatureSet, Motion};
+use crate::mutual::direction::{difference, turned, wrapped};
+use crate::mutual::feature_set::{Feature, FeatureSet, Motion, TrackNumber};
 use crate::mutual::located::{Located, Status};
 use crate::mutual::unused::Unused;
 use crate::time::{Span, Stamp};
@@ -44,7 +44,7 @@ use closure::{Readout, pair_index};
 use initialising::Initialising;
 use joint_filter::JointFilter;
 use pair_model::PairModel;
-use sight::Sight;
+use sight::{FEATURE_WIDENED, GATE, Sight};
 use talker::{Taken, Talker};
 use yaw::{likeliest_yaw, modes};
 
@@ -253,6 +253,7 @@ impl Identity {
                         variance_rad2: feature.sigma_rad * feature.sigma_rad,
                         chances: self
                             .chances(observer, self.talkers[observer].lane_of(feature.track)),
+                        strays: self.strays(observer, feature, &waiting.features),
                     })
                     .collect();
                 initialising::observe(
@@ -279,6 +280,33 @@ impl Identity {
             Some(lane) => self.chance(observer, target, lane),
         };
         (0..self.talkers.len()).map(chance).collect()
+    }
+
+    /// Tracks that none of the image's features went into, near one of them.
+    fn strays(
+        &self,
+        observer: usize,
+        feature: &Feature,
+        image: &[Feature],
+    ) -> Vec<(f64, Vec<f64>)> {
+        let talker = &self.talkers[observer];
+        let went_without =
+            |track: TrackNumber| image.iter().all(|other| other.track != Some(track));
+        let tracks = talker.tracks().iter();
+        tracks
+            .filter(|(track, ..)| went_without(*track))
+            .filter_map(|(track, direction, variance_rad2)| {
+                let away2 = difference(direction, &feature.direction).norm_squared();
+                let distance =
+                    away2 / (variance_rad2 + FEATURE_WIDENED * feature.sigma_rad.powi(2));
+                (distance < GATE).then(|| {
+                    (
+                        distance,
+                        self.chances(observer, talker.lane_of(Some(*track))),
+                    )
+                })
+            })
+            .collect()
     }
 
     fn chance(&self, observer: usize, target: usize, lane: usize) -> f64 {

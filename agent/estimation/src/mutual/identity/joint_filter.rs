@@ -217,7 +217,16 @@ impl JointFilter {
             let doubt = NONE_WEIGHT * none / chance;
             // The farther off, the rather it is something else that is anywhere.
             let unlikely = doubt * (0.5 * innovation.squared_distance).exp();
-            held[sight] = Some((targets[target], 1.0 / (1.0 + rivals + unlikely)));
+            // It may belong to a track beside it that went without, and that is somebody else.
+            let stray: f64 = sights[sight]
+                .strays
+                .iter()
+                .map(|(distance, chances)| {
+                    let likelier = -0.5 * (distance - innovation.squared_distance);
+                    (1.0 - chances[targets[target]]) * likelier.exp()
+                })
+                .sum();
+            held[sight] = Some((targets[target], 1.0 / (1.0 + rivals + unlikely + stray)));
             let softened = (1.0 + rivals + doubt).min(SOFTENED_MAX);
             self.take(innovation, softened);
         }

@@ -20,8 +20,12 @@ pub(super) type YawBelief = [f64; YAW_BINS];
 
 /// Per epoch, a track loses its identity (the tracker swapped it) with this probability ...
 const LEAK: f64 = 0.02;
-/// ... and a vehicle without a track has got one.
+/// ... and a vehicle without a track has got one ...
 const REACQUIRED: f64 = 0.15;
+/// ... which is so much rarer one that the model has known for longer than so many epochs (2 s): that was somebody else all
+/// the time, a robot that says nothing or a phantom, which only passes where the other would be if it were in sight.
+const REACQUIRED_OLD: f64 = 0.15;
+const YOUNG_EPOCHS: u8 = 8;
 /// Per epoch, the model forgets the tracks and the yaw altogether: the floor from which a wrong mode is left. Without it
 /// wrong modes of symmetric formations last for half a minute.
 const FORGOTTEN: f64 = 0.003;
@@ -79,6 +83,8 @@ pub(super) struct PairModel {
     second: usize,
     /// By lane of the first, then of the second, then yaw; index 0 is none, lane n is n + 1.
     mass: Vec<f64>,
+    /// For how many epochs each lane of either has been known to this model.
+    ages: [Vec<u8>; 2],
 }
 
 impl PairModel {
@@ -88,6 +94,7 @@ impl PairModel {
             first: 0,
             second: 0,
             mass: vec![1.0 / YAW_BINS as f64; YAW_BINS],
+            ages: [Vec::new(), Vec::new()],
         }
     }
 
@@ -99,6 +106,7 @@ impl PairModel {
         exclusive: [&[f64]; 2],
         evidence: bool,
     ) {
+        self.grow_older([first.before, second.before]);
         self.take_over(first.before, second.before);
         self.mix(first.crossings, second.crossings);
         self.leak();
@@ -143,6 +151,16 @@ impl PairModel {
             *mass /= total.max(f64::MIN_POSITIVE);
         }
         [of_first, of_second]
+    }
+
+    fn grow_older(&mut self, before: [&[Option<usize>]; 2]) {
+        for (ages, before) in self.ages.iter_mut().zip(before) {
+            let age = |from: &Option<usize>| {
+                from.and_then(|from| ages.get(from))
+                    .map_or(0, |age| age.saturating_add(1))
+            };
+            *ages = before.iter().map(age).collect();
+        }
     }
 
     /// The lanes of now from those of before: what has died is none again.
@@ -208,12 +226,13 @@ impl PairModel {
     /// Tracks lose their identity without a sign of it, and who had none gets one.
     fn leak(&mut self) {
         let row = (self.second + 1) * YAW_BINS;
+        let [first, second] = self.ages.each_ref().map(|ages| reacquired(ages));
         for offset in 0..row {
-            leak_along(&mut self.mass, offset, row, self.first);
+            leak_along(&mut self.mass, offset, row, &first);
         }
         for a in 0..=self.first {
             for yaw in 0..YAW_BINS {
-                leak_along(&mut self.mass, a * row + yaw, YAW_BINS, self.second);
+                leak_along(&mut self.mass, a * row + yaw, YAW_BINS, &second);
             }
         }
     }
@@ -271,19 +290,31 @@ impl PairModel {
     }
 }
 
-/// Leaks along one axis: index 0 is none, `stride` apart `lanes` lanes follow.
-fn leak_along(mass: &mut [f64], none: usize, stride: usize, lanes: usize) {
-    if lanes == 0 {
-        return;
-    }
-    let got = REACQUIRED * mass[none] / lanes as f64;
-    let mut lost = 0.0;
-    for lane in 1..=lanes {
-        let at = none + lane * stride;
+/// For each lane of these ages the probability that a vehicle that was none of the lanes is this one now.
+fn reacquired(ages: &[u8]) -> Vec<f64> {
+    let share = REACQUIRED / ages.len().max(1) as f64;
+    ages.iter()
+        .map(|age| {
+            if *age < YOUNG_EPOCHS {
+                share
+            } else {
+                REACQUIRED_OLD * share
+            }
+        })
+        .collect()
+}
+
+/// Leaks along one axis: index 0 is none, `stride` apart the lanes follow, which get these parts of what was none.
+fn leak_along(mass: &mut [f64], none: usize, stride: usize, parts: &[f64]) {
+    let before = mass[none];
+    let (mut lost, mut got) = (0.0, 0.0);
+    for (lane, part) in parts.iter().enumerate() {
+        let at = none + (lane + 1) * stride;
         lost += LEAK * mass[at];
-        mass[at] = (1.0 - LEAK) * mass[at] + got;
+        got += part * before;
+        mass[at] = (1.0 - LEAK) * mass[at] + part * before;
     }
-    mass[none] = (1.0 - REACQUIRED) * mass[none] + lost;
+    mass[none] = before - got + lost;
 }
 
 /// Multiplies the bins near the yaw at which two sights are a pair by how well they agree, over what is already in there

@@ -30,6 +30,7 @@ fn sights(flight: &mut Flight, observer: usize, t_s: f64) -> Vec<Sight> {
     let sight = |(feature, other): (&crate::mutual::Feature, &usize)| Sight {
         direction: feature.direction,
         variance_rad2: feature.sigma_rad.powi(2),
+        strays: Vec::new(),
         chances: (0..TEAM.len())
             .map(|robot| if robot == *other { 0.95 } else { 0.02 })
             .collect(),
@@ -130,6 +131,7 @@ fn sight(filter: &JointFilter, target: usize, off_rad: f64, chances: [f64; 3]) -
     Sight {
         direction: turned(&nalgebra::UnitVector3::new_normalize(place), off_rad),
         variance_rad2: 0.05 * 0.05,
+        strays: Vec::new(),
         chances: chances.to_vec(),
     }
 }
@@ -167,6 +169,7 @@ fn what_was_seen_a_while_ago_is_where_it_was() {
     let sight = Sight {
         direction: nalgebra::UnitVector3::new_normalize(then),
         variance_rad2: 1e-4,
+        strays: Vec::new(),
         chances: vec![0.0, 0.95, 0.02],
     };
     let held = filter.observe(0, age_s, &[sight]);
@@ -239,6 +242,13 @@ fn who_a_sight_is_said_to_be_is_as_sure_as_there_are_no_rivals() {
     // It is as far off as such a sight can just be.
     let far = probability(&[right(0.28, 0.95)]);
     assert!(far < 0.9, "{far}");
+    // A track of somebody else is as near and went without.
+    let beside = Sight {
+        strays: vec![(0.5, vec![0.0, 0.02, 0.0])],
+        ..right(0.0, 0.95)
+    };
+    let stray = probability(&[beside]);
+    assert!(stray < 0.7, "{stray}");
     // Two that fit equally well.
     let either = probability(&[right(0.01, 0.5), right(-0.01, 0.5)]);
     assert!(either < 0.6, "{either}");

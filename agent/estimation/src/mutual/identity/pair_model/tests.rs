@@ -238,3 +238,18 @@ fn who_looks_up_at_one_that_looks_up_looks_at_somebody_else() {
     let [of_first, _] = model.lanes(&[1.0; YAW_BINS]);
     assert!(of_first[0] < 0.7, "{of_first:?}");
 }
+
+#[test]
+fn who_comes_back_is_rather_what_has_just_come_into_sight() {
+    let old = reacquired(&[YOUNG_EPOCHS, YOUNG_EPOCHS - 1]);
+    assert!((old[1] - 0.5 * REACQUIRED).abs() < 1e-12);
+    assert!((old[0] - REACQUIRED_OLD * old[1]).abs() < 1e-12);
+    assert!(reacquired(&[]).is_empty());
+    let mut model = PairModel::new();
+    model.grow_older([&[None, None], &[]]);
+    for _ in 0..300 {
+        model.grow_older([&[Some(0), Some(1)], &[]]);
+    }
+    model.grow_older([&[Some(1), None], &[]]);
+    assert_eq!(model.ages[0], [u8::MAX, 0]);
+}
