@@ -15,6 +15,8 @@ pub mod assignment;
 
 pub mod located;
 
+mod unused;
+
 pub mod attitude;
 
 pub mod own_motion;
@@ -35,3 +37,4 @@ pub use identity::{Identity, Tracker};
 pub use located::{Located, Reduced, Status};
 pub use own_motion::OwnMotion;
 pub use registered::{Done, Registered, Work};
+pub use unused::Unused;

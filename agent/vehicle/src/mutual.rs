@@ -278,8 +278,13 @@ impl Mutual {
     }
 
     /// Takes what a neighbour told.
-    pub(crate) fn hear(&mut self, from: Name, set: &FeatureSet) {
+    ///
+    /// # Errors
+    /// Why it was not used.
+    pub(crate) fn hear(&mut self, from: Name, set: &FeatureSet) -> Result<(), Refused> {
         let id = VehicleId(from.hash());
+        self.counts.heard += 1;
+        self.localiser.heard(id, set).map_err(Refused::from)?;
         let level_from_body = UnitQuaternion::from_euler_angles(set.roll_rad, set.pitch_rad, 0.0);
         self.names.insert(
             id,
@@ -288,14 +293,13 @@ impl Mutual {
                 level_from_body,
             },
         );
-        self.counts.heard += 1;
-        self.localiser.heard(id, set);
         // Names of vehicles that the localiser has forgotten are forgotten too.
         if self.names.len() > NAMES_MAX {
             let located = self.localiser.located();
             let known = |id: &VehicleId| located.iter().any(|located| located.vehicle == *id);
             self.names.retain(|id, _| known(id));
         }
+        Ok(())
     }
 
     /// Bearings of neighbours that are known to be those, as the camera saw them: the bearing, never what was estimated
@@ -359,85 +363,4 @@ impl Mutual {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const PERIOD: Span = Span::millis(200);
-
-    fn at(millis: i64) -> Stamp {
-        Stamp::default() + Span::millis(millis)
-    }
-
-    fn name(text: &str) -> Name {
-        Name::parse(text).unwrap()
-    }
-
-    fn mutual() -> Mutual {
-        Mutual::new(name("v1"), 7, MutualConfig::DEFAULT)
-    }
-
-    fn read(mutual: &mut Mutual, millis: std::ops::Range<i64>) {
-        for millis in millis.step_by(5) {
-            let frame = ImuFrame {
-                taken_ns: at(millis).as_nanos(),
-                angular_rate_rad_s: [0.0; 3],
-                specific_force_m_s2: [0.0, 0.0, 9.81],
-                rate_sigma_rad_s: 0.01,
-                force_sigma_m_s2: 0.1,
-            };
-            mutual
-                .read(name("imu"), &Transform::identity(), &frame)
-                .unwrap();
-        }
-    }
-
-    fn look(mutual: &mut Mutual, camera: &str, millis: i64) -> Result<(), Refused> {
-        let frame = BearingsFrame {
-            taken_ns: at(millis).as_nanos(),
-            sigma_rad: 0.09,
-            directions: vec![[0.6, 0.8, 0.0]],
-        };
-        mutual.look(name(camera), Transform::identity(), frame)
-    }
-
-    #[test]
-    fn a_camera_frame_waits_for_the_readings_of_its_time_and_no_longer_than_it_may() {
-        let mut mutual = mutual();
-        read(&mut mutual, 0..1_000);
-        look(&mut mutual, "camera", 1_050).unwrap();
-        assert_eq!(mutual.next_scan(at(1_060), PERIOD), None);
-        assert_eq!(mutual.wake_at(), Some(at(1_250)));
-        read(&mut mutual, 1_000..1_060);
-        let Some(Scanned::Told { set, .. }) = mutual.next_scan(at(1_070), PERIOD) else {
-            panic!("the readings have come");
-        };
-        assert_eq!((set.taken, set.features.len()), (at(1_050), 1));
-
-        look(&mut mutual, "camera", 1_300).unwrap();
-        assert_eq!(mutual.next_scan(at(1_499), PERIOD), None);
-        let lost = Scanned::Lost {
-            camera: name("camera"),
-            why: Refused::NoInertial,
-        };
-        assert_eq!(mutual.next_scan(at(1_500), PERIOD), Some(lost));
-        assert_eq!(mutual.wake_at(), None);
-    }
-
-    #[test]
-    fn one_camera_and_one_inertial_sensor_are_the_source() {
-        let mut mutual = mutual();
-        read(&mut mutual, 0..100);
-        look(&mut mutual, "camera", 50).unwrap();
-        assert_eq!(look(&mut mutual, "other", 60), Err(Refused::SecondCamera));
-        assert_eq!(look(&mut mutual, "camera", 50), Err(Refused::TooLate));
-    }
-
-    #[test]
-    fn frames_that_wait_are_bounded() {
-        let mut mutual = mutual();
-        for nth in 0..WAITING_MAX as i64 {
-            look(&mut mutual, "camera", 100 + nth).unwrap();
-        }
-        assert_eq!(look(&mut mutual, "camera", 200), Err(Refused::Full));
-    }
-}
+mod tests;

@@ -1,6 +1,7 @@
 //! Why something was not used: every refusal has a word, is counted where it belongs, and is shown in the health.
 
 use skein_estimation::cooperative::Refusal;
+use skein_estimation::mutual::Unused;
 use skein_proto::codec::DecodeError;
 
 /// A reason. Silence is never the answer to "why is there no estimate?".
@@ -50,9 +51,10 @@ pub(crate) enum Refused {
     SecondCamera,
     /// No inertial reading reaches the time of a camera frame, so it cannot be levelled.
     NoInertial,
-    /// A reading that no vehicle can feel.
+    /// A reading that no vehicle can feel, or a motion that none can make.
     Implausible,
-    /// Nothing here uses what it says: a relay, in other modes than `team`.
+    /// Nothing here uses what it says: a relay, in other modes than `team`, or a feature set before this vehicle has one of
+    /// its own.
     NoPipeline,
     /// Odometry that overlaps with what was already counted.
     Overlap,
@@ -111,6 +113,19 @@ impl Refused {
 impl From<Refusal> for Refused {
     fn from(refusal: Refusal) -> Self {
         Self::Unusable(refusal)
+    }
+}
+
+impl From<Unused> for Refused {
+    fn from(unused: Unused) -> Self {
+        match unused {
+            Unused::NothingOwn => Self::NoPipeline,
+            Unused::Own => Self::DuplicateId,
+            Unused::TooOld => Self::TooLate,
+            Unused::TooNew => Self::FromTheFuture,
+            Unused::Implausible => Self::Implausible,
+            Unused::Full => Self::Full,
+        }
     }
 }
 

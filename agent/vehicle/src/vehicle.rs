@@ -249,7 +249,11 @@ impl Vehicle {
         };
         match listener.hear(now, &mut self.neighbours, key, bytes) {
             Ok(Some(Heard::Exchange { from, round })) => self.answer(now, from, round),
-            Ok(Some(Heard::Features { from, set })) => self.mutual.hear(from, &set),
+            Ok(Some(Heard::Features { from, set })) => {
+                if let Err(why) = self.mutual.hear(from, &set) {
+                    self.refused.refuse(&why);
+                }
+            }
             Ok(None) => {}
             Err(why) => self.refused.refuse(&why),
         }

@@ -5,9 +5,10 @@
 //! close, and that is read out. A neighbour that is sure enough gets a bank of filters over its distance, then a place in
 //! the joint filter of all neighbours, which takes the raw features of all and what the inertial sensors integrated.
 
-use crate::mutual::direction::{turned, wrapped};
-use crate::mutual::feature_set::{FeatureSet, Motion};
+use crate::mutual::direction::{difference, turned, wrapped};
+use crate::mutual::feature_set::{Feature, FeatureSet, Motion, TrackNumber};
 use crate::mutual::located::{Located, Status};
+use crate::mutual::unused::Unused;
 use crate::time::{Span, Stamp};
 use crate::vehicle_id::VehicleId;
 
@@ -18,6 +19,8 @@ mod talker;
 mod pair_model;
 
 mod closure;
+
+mod yaw;
 
 mod relative;
 
@@ -40,9 +43,10 @@ pub use tracker::Tracker;
 use closure::{Readout, pair_index};
 use initialising::Initialising;
 use joint_filter::JointFilter;
-use pair_model::{PairModel, YAW_BIN_RAD, YAW_BINS};
-use sight::Sight;
+use pair_model::PairModel;
+use sight::{FEATURE_WIDENED, GATE, Sight};
 use talker::{Taken, Talker};
+use yaw::{likeliest_yaw, modes};
 
 /// Neighbours that are known at once; sets of others are passed over.
 pub const NEIGHBOURS_MAX: usize = 16;
@@ -67,8 +71,6 @@ const CHANCE_UNTRACKED: f64 = 0.1;
 const SURE: f64 = 0.7;
 /// Probability above which a feature is said to be a neighbour.
 const CONFIRMED: f64 = 0.9;
-/// Bins to both sides of the likeliest yaw that count as that yaw.
-const YAW_REACH_BINS: i64 = 3;
 
 /// What a feature of the own newest set is.
 #[derive(Clone, Debug, PartialEq)]
@@ -96,13 +98,6 @@ pub struct Identity {
     identifications: Vec<Identification>,
 }
 
-/// The likeliest relative yaw of a pair.
-#[derive(Clone, Copy, Debug)]
-struct LikeliestYaw {
-    yaw_rad: f64,
-    probability: f64,
-}
-
 impl Identity {
     /// Nothing was seen or heard yet.
     #[must_use]
@@ -127,10 +122,7 @@ impl Identity {
             return;
         };
         let before = own.taken;
-        let taken = own.hear(set);
-        if taken == Taken::Refused {
-            return;
-        }
+        let Ok(taken) = own.hear(set) else { return };
         let dt_s = (set.taken - before).as_secs_f64();
         if taken == Taken::Restarted || dt_s > STEP_MAX_S {
             *self = Self::new(self.vehicle);
@@ -160,40 +152,43 @@ impl Identity {
         }
     }
 
-    /// Takes a set that a neighbour told, its stamp by this vehicle's clock. Old, unbelievable and further neighbours'
-    /// sets change nothing; nothing does before the first own set.
-    pub fn heard(&mut self, from: VehicleId, set: &FeatureSet) {
-        let Some(own) = self.talkers.first() else {
-            return;
-        };
-        if from == self.vehicle
-            || set.taken > own.taken + AHEAD_MAX
-            || set.taken < own.taken - BEHIND_MAX
-        {
-            return;
+    /// Takes a set that a neighbour told, its stamp by this vehicle's clock.
+    ///
+    /// # Errors
+    /// Why it was not: then nothing has changed.
+    pub fn heard(&mut self, from: VehicleId, set: &FeatureSet) -> Result<(), Unused> {
+        let own = self.talkers.first().ok_or(Unused::NothingOwn)?;
+        if from == self.vehicle {
+            return Err(Unused::Own);
+        }
+        if set.taken > own.taken + AHEAD_MAX {
+            return Err(Unused::TooNew);
+        }
+        if set.taken < own.taken - BEHIND_MAX {
+            return Err(Unused::TooOld);
         }
         let known = self
             .talkers
             .iter()
             .position(|talker| talker.vehicle == from);
         if let Some(index) = known {
-            if self.talkers[index].hear(set) != Taken::Restarted {
-                return;
+            if self.talkers[index].hear(set)? == Taken::Newer {
+                return Ok(());
             }
             self.forget(index);
         }
-        if self.talkers.len() <= NEIGHBOURS_MAX {
-            let Some(mut talker) = Talker::new(from, set) else {
-                return;
-            };
-            let _ = talker.moved_until(own_instant(&self.talkers));
-            self.talkers.push(talker);
-            self.initialising.push(Initialising::new());
-            for _ in 0..self.talkers.len() - 1 {
-                self.models.push(PairModel::new());
-            }
-            self.readouts = closure::read(&self.models, self.talkers.len());
+        if self.talkers.len() > NEIGHBOURS_MAX {
+            return Err(Unused::Full);
         }
+        let mut talker = Talker::new(from, set)?;
+        let _ = talker.moved_until(own_instant(&self.talkers));
+        self.talkers.push(talker);
+        self.initialising.push(Initialising::new());
+        for _ in 0..self.talkers.len() - 1 {
+            self.models.push(PairModel::new());
+        }
+        self.readouts = closure::read(&self.models, self.talkers.len());
+        Ok(())
     }
 
     /// Every neighbour that is heard, in the order in which they appeared.
@@ -258,6 +253,7 @@ impl Identity {
                         variance_rad2: feature.sigma_rad * feature.sigma_rad,
                         chances: self
                             .chances(observer, self.talkers[observer].lane_of(feature.track)),
+                        strays: self.strays(observer, feature, &waiting.features),
                     })
                     .collect();
                 initialising::observe(
@@ -284,6 +280,33 @@ impl Identity {
             Some(lane) => self.chance(observer, target, lane),
         };
         (0..self.talkers.len()).map(chance).collect()
+    }
+
+    /// Tracks that none of the image's features went into, near one of them.
+    fn strays(
+        &self,
+        observer: usize,
+        feature: &Feature,
+        image: &[Feature],
+    ) -> Vec<(f64, Vec<f64>)> {
+        let talker = &self.talkers[observer];
+        let went_without =
+            |track: TrackNumber| image.iter().all(|other| other.track != Some(track));
+        let tracks = talker.tracks().iter();
+        tracks
+            .filter(|(track, ..)| went_without(*track))
+            .filter_map(|(track, direction, variance_rad2)| {
+                let away2 = difference(direction, &feature.direction).norm_squared();
+                let distance =
+                    away2 / (variance_rad2 + FEATURE_WIDENED * feature.sigma_rad.powi(2));
+                (distance < GATE).then(|| {
+                    (
+                        distance,
+                        self.chances(observer, talker.lane_of(Some(*track))),
+                    )
+                })
+            })
+            .collect()
     }
 
     fn chance(&self, observer: usize, target: usize, lane: usize) -> f64 {
@@ -447,52 +470,4 @@ impl Identity {
 
 fn own_instant(talkers: &[Talker]) -> Stamp {
     talkers[0].taken
-}
-
-/// The likeliest yaw with the probability around it.
-fn likeliest_yaw(readout: &Readout) -> LikeliestYaw {
-    let at = |bin: i64| readout.yaw[bin.rem_euclid(YAW_BINS as i64) as usize];
-    let around = |middle: i64| {
-        (middle - YAW_REACH_BINS..=middle + YAW_REACH_BINS)
-            .map(at)
-            .sum::<f64>()
-    };
-    let mut best = (0, f64::NEG_INFINITY);
-    for middle in 0..YAW_BINS as i64 {
-        let probability = around(middle);
-        if probability > best.1 {
-            best = (middle, probability);
-        }
-    }
-    let (middle, probability) = best;
-    let moment: f64 = (-YAW_REACH_BINS..=YAW_REACH_BINS)
-        .map(|off| off as f64 * at(middle + off))
-        .sum();
-    LikeliestYaw {
-        yaw_rad: wrapped(
-            (middle as f64 + moment / probability.max(f64::MIN_POSITIVE)) * YAW_BIN_RAD,
-        ),
-        probability: probability.min(1.0),
-    }
-}
-
-/// Yaws that are likely and likelier than those near them.
-fn modes(readout: &Readout) -> usize {
-    const LIKELY: f64 = 0.1;
-    let at = |bin: i64| readout.yaw[bin.rem_euclid(YAW_BINS as i64) as usize];
-    let around = |middle: i64| {
-        (middle - YAW_REACH_BINS..=middle + YAW_REACH_BINS)
-            .map(at)
-            .sum::<f64>()
-    };
-    let peak = |middle: i64| {
-        let here = around(middle);
-        here > LIKELY
-            && (1..=2 * YAW_REACH_BINS)
-                .all(|off| here > around(middle - off) && here >= around(middle + off))
-    };
-    (0..YAW_BINS as i64)
-        .filter(|middle| peak(*middle))
-        .count()
-        .max(2)
 }

@@ -13,17 +13,21 @@
 
 mod neighbour;
 
+mod translated;
+
 pub use neighbour::Shown;
 
 use super::feature_set::FeatureSet;
-use super::filter::mixture::{Answer, Mixture, Tempering};
+use super::filter::mixture::{Mixture, Tempering};
 use super::filter::{Estimate, FilterSettings, NeighbourFilter};
 use super::located::Located;
 use super::registration::{self, Job, Outcome, Sighting};
+use super::unused::{Unused, is_understood};
 use crate::time::{Span, Stamp};
 use crate::vehicle_id::VehicleId;
 use nalgebra::UnitVector3;
 use neighbour::Neighbour;
+use translated::{answers, sightings};
 
 /// Neighbours that are known at once; sets of others are passed over, and counted.
 pub const NEIGHBOURS_MAX: usize = 16;
@@ -213,22 +217,36 @@ impl Registered {
         }
     }
 
-    /// Takes a set that a neighbour told, its stamp by this vehicle's clock. What is old, or from too many, or told before
-    /// the first own set changes nothing. A lost set loses nothing, since motions are told as integrals.
-    pub fn heard(&mut self, vehicle: VehicleId, set: &FeatureSet) {
-        let Some(own) = &self.own else { return };
-        if (set.taken - own.taken).abs() > ASTRAY_MAX {
-            return;
+    /// Takes a set that a neighbour told, its stamp by this vehicle's clock. A lost set loses nothing, since motions are
+    /// told as integrals.
+    ///
+    /// # Errors
+    /// Why it was not taken: then nothing has changed.
+    pub fn heard(&mut self, vehicle: VehicleId, set: &FeatureSet) -> Result<(), Unused> {
+        let own = self.own.as_ref().ok_or(Unused::NothingOwn)?;
+        if set.taken - own.taken > ASTRAY_MAX {
+            return Err(Unused::TooNew);
+        }
+        if own.taken - set.taken > ASTRAY_MAX {
+            return Err(Unused::TooOld);
+        }
+        if !is_understood(set) {
+            return Err(Unused::Implausible);
         }
         match self
             .neighbours
             .binary_search_by_key(&vehicle, Neighbour::vehicle)
         {
             Ok(index) => self.neighbours[index].hear(set),
-            Err(_) if self.neighbours.len() >= NEIGHBOURS_MAX => self.passed_over.sets += 1,
-            Err(index) => self
-                .neighbours
-                .insert(index, Neighbour::new(vehicle, set, self.seed)),
+            Err(_) if self.neighbours.len() >= NEIGHBOURS_MAX => {
+                self.passed_over.sets += 1;
+                Err(Unused::Full)
+            }
+            Err(index) => {
+                self.neighbours
+                    .insert(index, Neighbour::new(vehicle, set, self.seed));
+                Ok(())
+            }
         }
     }
 
@@ -352,57 +370,6 @@ impl Registered {
             .neighbours
             .binary_search_by_key(&vehicle, Neighbour::vehicle);
         known.ok().map(|index| &self.neighbours[index])
-    }
-}
-
-/// What a registration says of one neighbour: answers, and log-likelihoods of the solutions that leave it out.
-///
-/// A solution is believed by its sightings and by how it agrees with what is believed of the *others*; what is believed of
-/// this neighbour itself comes in when its filter weighs the answers.
-fn answers(outcome: &Outcome, vehicle: VehicleId) -> (Vec<Answer>, Vec<f64>) {
-    let (mut answers, mut elsewhere) = (Vec::new(), Vec::new());
-    for solution in &outcome.solutions {
-        let placed = solution
-            .placed
-            .iter()
-            .find(|placed| placed.vehicle == vehicle);
-        match placed {
-            Some(placed) => answers.push(Answer {
-                direction: placed.direction,
-                yaw_rad: placed.yaw_rad,
-                covariance_rad2: placed.covariance,
-                log_likelihood: solution.log_likelihood + placed.log_cavity,
-                own_feature: placed.mine,
-            }),
-            None => elsewhere.push(solution.log_likelihood + solution.log_belief),
-        }
-    }
-    (answers, elsewhere)
-}
-
-/// What a set's vehicle sees, in a level frame that is turned by so much from the gyro frame.
-fn sightings(set: &FeatureSet, seen: Seen, level_from_gyro_rad: f64) -> Vec<Sighting> {
-    match seen {
-        Seen::Features => {
-            let turn_rad = level_from_gyro_rad + set.inertial.yaw_rad;
-            let sighting = |feature| {
-                let seen = Sighting::from(feature);
-                Sighting {
-                    direction: super::direction::turned(&seen.direction, turn_rad),
-                    ..seen
-                }
-            };
-            set.features.iter().map(sighting).collect()
-        }
-        Seen::Tracks => {
-            let confirmed = set.tracks.iter().filter(|track| track.confirmed);
-            confirmed
-                .map(|track| Sighting {
-                    direction: super::direction::turned(&track.direction, level_from_gyro_rad),
-                    sigma_rad: track.variance_rad2.max(0.0).sqrt(),
-                })
-                .collect()
-        }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use skein_estimation::VehicleId;
 use skein_estimation::mutual::registered::Settings;
-use skein_estimation::mutual::{Done, FeatureSet, Identity, Located, Registered, Work};
+use skein_estimation::mutual::{Done, FeatureSet, Identity, Located, Registered, Unused, Work};
 use skein_estimation::time::Stamp;
 
 use crate::config::MutualWay;
@@ -49,7 +49,7 @@ impl Localiser {
     }
 
     /// Takes what a neighbour told.
-    pub(super) fn heard(&mut self, from: VehicleId, set: &FeatureSet) {
+    pub(super) fn heard(&mut self, from: VehicleId, set: &FeatureSet) -> Result<(), Unused> {
         match self {
             Self::Persistent(identity) => identity.heard(from, set),
             Self::Published(registered) => registered.heard(from, set),

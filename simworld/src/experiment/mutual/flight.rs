@@ -6,7 +6,7 @@ use super::score::STEADY_FROM_S;
 use super::telling::{Telling, Told};
 use crate::mutual_world::{MutualWorld, Relative};
 use crate::truth::wrapped_rad;
-use nalgebra::Vector3;
+use nalgebra::{SMatrix, SVector, Vector3};
 use skein_estimation::VehicleId;
 use skein_estimation::mutual::{Reduced, Status};
 
@@ -41,6 +41,9 @@ pub struct Moment {
     pub published: bool,
     /// How far its likeliest place is off; none when there is none.
     pub error: Option<Error>,
+    /// The squared error of position, velocity and yaw over the covariance that is told, per number of them: one in the
+    /// mean when that covariance is right; none where none is told.
+    pub nees: Option<f64>,
 }
 
 /// One neighbour in a picture; all in the level frame of the observer, metres.
@@ -132,10 +135,14 @@ pub fn fly(world: &MutualWorld, telling: &Telling, method: Method, sample: u64) 
                 .find(|located| located.vehicle == id(neighbour));
             let truth = world.relative(OBSERVER, neighbour, taken_s);
             let relative = found.and_then(|found| found.relative);
+            let covariance = found.and_then(|found| found.covariance);
             moments.push(Moment {
                 taken_s,
                 published: found.is_some_and(|found| found.status == Status::Converged),
                 error: relative.map(|relative| Error::of(&relative, &truth)),
+                nees: relative
+                    .zip(covariance)
+                    .and_then(|(relative, covariance)| nees(&relative, covariance, &truth)),
             });
         }
         let identified = locator
@@ -196,6 +203,20 @@ impl Error {
             yaw_rad: wrapped_rad(estimate.yaw_rad - truth.yaw_rad),
         }
     }
+}
+
+/// Normalised squared error per dimension; none of a covariance that is none.
+fn nees(held: &Reduced, covariance: SMatrix<f64, 7, 7>, truth: &Relative) -> Option<f64> {
+    let mut error = SVector::<f64, 7>::zeros();
+    error
+        .fixed_rows_mut::<3>(0)
+        .copy_from(&(held.position_m - truth.position_m));
+    error
+        .fixed_rows_mut::<3>(3)
+        .copy_from(&(held.velocity_m_s - truth.velocity_m_s));
+    error[6] = wrapped_rad(held.yaw_rad - truth.yaw_rad);
+    let normalised = covariance.cholesky()?.solve(&error);
+    Some(error.dot(&normalised) / 7.0)
 }
 
 fn picture(

@@ -93,7 +93,7 @@ impl Locator for Identity {
     }
 
     fn heard(&mut self, from: VehicleId, set: &FeatureSet) {
-        Self::heard(self, from, set);
+        let _ = Self::heard(self, from, set);
     }
 
     fn located(&self) -> Vec<Located> {
@@ -121,7 +121,7 @@ impl Locator for Registered {
     }
 
     fn heard(&mut self, from: VehicleId, set: &FeatureSet) {
-        Self::heard(self, from, set);
+        let _ = Self::heard(self, from, set);
     }
 
     fn located(&self) -> Vec<Located> {

@@ -8,7 +8,7 @@ use std::fmt::Write;
 #[must_use]
 pub fn table(results: &[CellResult]) -> String {
     let mut text = format!(
-        "{:<26} {:<12} {:>13} {:>11} {:>13}  {:>13} {:>7} {:>7} {:>6}  {:>12} {:>12} {:>12} {:>12} {:>7}  {:>7} {:>7}\n",
+        "{:<26} {:<12} {:>13} {:>11} {:>13}  {:>13} {:>7} {:>7} {:>6}  {:>12} {:>12} {:>12} {:>12} {:>9} {:>10}  {:>7} {:>7}\n",
         "case",
         "method",
         "lock s",
@@ -23,6 +23,7 @@ pub fn table(results: &[CellResult]) -> String {
         "yaw deg",
         "distance %",
         "bias %",
+        "NEES/7",
         "ident %",
         "wrong %",
     );
@@ -30,7 +31,7 @@ pub fn table(results: &[CellResult]) -> String {
         let scores = &result.scores;
         let _ = writeln!(
             text,
-            "{:<26} {:<12} {:>13} {:>11} {:>13}  {:>13} {:>7} {:>7} {:>6}  {:>12} {:>12} {:>12} {:>12} {:>7}  {:>7} {:>7}",
+            "{:<26} {:<12} {:>13} {:>11} {:>13}  {:>13} {:>7} {:>7} {:>6}  {:>12} {:>12} {:>12} {:>12} {:>9} {:>10}  {:>7} {:>7}",
             result.case,
             result.method.name(),
             spread(scores.lock_median_s, 1.0, 1),
@@ -44,12 +45,13 @@ pub fn table(results: &[CellResult]) -> String {
             spread(scores.zenith_deg, 1.0, 2),
             spread(scores.yaw_deg, 1.0, 2),
             spread(scores.distance, 100.0, 1),
-            number(scores.distance_bias, 100.0, 1),
+            spread(scores.distance_bias, 100.0, 1),
+            spread(scores.nees, 1.0, 2),
             number(scores.identified, 100.0, 1),
             number(scores.misidentified, 100.0, 2),
         );
     }
-    text += "\nMeans of |e| +- standard error over flights, while a right place is published, from 20 s on; wrong: more than 20 deg\noff in direction or yaw. Times of those that never come to it count as the longest.\n\n";
+    text += "\nMeans of |e| +- standard error over flights, while a right place is published, from 20 s on; wrong: more than 20 deg\noff in direction or yaw; NEES per dimension: of whatever is published with a covariance. Times of those that never come to it count as the longest.\n\n";
     text + &held(results)
 }
 
@@ -153,7 +155,7 @@ pub fn moments_csv(result: &CellResult) -> String {
     text
 }
 
-fn columns(result: &CellResult) -> [(&'static str, Estimate); 22] {
+fn columns(result: &CellResult) -> [(&'static str, Estimate); 23] {
     let scores = &result.scores;
     [
         ("lock_median_s", scores.lock_median_s),
@@ -174,6 +176,7 @@ fn columns(result: &CellResult) -> [(&'static str, Estimate); 22] {
         ("held_yaw_deg", scores.held_yaw_deg),
         ("held_distance", scores.held_distance),
         ("held_wrong_mode", scores.held_wrong_mode),
+        ("nees", scores.nees),
         ("identified", scores.identified),
         ("misidentified", scores.misidentified),
         ("roll_deg", scores.roll_deg),

@@ -27,8 +27,8 @@ pub struct BankSettings {
     pub noise: MotionNoise,
     /// How far they may be wrong for long.
     pub acceleration_bias: AccelerationBias,
-    /// Which part of the weight is put where an answer is that no hypothesis explains: how likely the belief is wrong
-    /// altogether. It takes more than one wrong answer then to draw the belief away.
+    /// Which part of the weight is put where an answer is that no hypothesis explains:
+    /// [`INJECTED_WEIGHT`](super::INJECTED_WEIGHT).
     pub injected_weight: f64,
     /// An answer at least half as likely as the likeliest is unexplained while less than this part of the weight is near.
     pub unexplained_below: f64,
@@ -53,15 +53,16 @@ impl BankSettings {
             sigma_m_s2: 0.1,
             lasting_s: 30.0,
         },
-        injected_weight: 0.001,
+        injected_weight: super::INJECTED_WEIGHT,
         unexplained_below: 0.02,
     };
 }
 
 /// Within this Mahalanobis distance, squared, a hypothesis explains an answer.
 const EXPLAINED: f64 = 16.3;
-/// Hypotheses of less weight are dropped.
-const NEGLIGIBLE: f64 = 1e-5;
+/// Hypotheses of less weight than this part of the heaviest's are dropped. Injected ones have to live until the answer
+/// after the one that brought them.
+const NEGLIGIBLE: f64 = 1e-2 * super::INJECTED_WEIGHT;
 
 /// A bank of filters of one neighbour.
 #[derive(Clone, Debug)]

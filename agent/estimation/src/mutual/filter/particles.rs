@@ -35,8 +35,7 @@ pub struct ParticleSettings {
     pub bandwidth: f64,
     /// Which part of the particles is put where an answer is that no particle explains.
     pub injected: f64,
-    /// What part of the weight they get there: how likely the belief is wrong altogether. It takes more than one wrong
-    /// answer then to draw the belief away.
+    /// What part of the weight they get there: [`INJECTED_WEIGHT`](super::INJECTED_WEIGHT).
     pub injected_weight: f64,
     /// An answer at least half as likely as the likeliest is unexplained while less than this part of the particles is near.
     pub unexplained_below: f64,
@@ -51,7 +50,7 @@ impl ParticleSettings {
         resample_below: 0.5,
         bandwidth: 0.7,
         injected: 0.1,
-        injected_weight: 0.001,
+        injected_weight: super::INJECTED_WEIGHT,
         unexplained_below: 0.02,
     };
 }

@@ -82,18 +82,24 @@ fn a_belief_that_was_wrong_from_the_start_is_given_up() {
 }
 
 #[test]
-fn two_wrong_answers_in_a_row_do_not_move_a_belief() {
+fn three_wrong_answers_in_a_row_do_not_move_a_belief_and_many_do() {
     for settings in BOTH {
         let mut flight = Flight::new(settings, 5);
         flight.fly(15.0);
-        for _ in 0..2 {
-            flight.step();
-            let right = flight.right(0.05);
-            flight.measure(&[mistaken(&right)]);
-        }
-        let estimate = flight.estimate();
-        let (off, yaw_off) = flight.error(&estimate.dominant);
+        let mut mistake = |times| {
+            for _ in 0..times {
+                flight.step();
+                let right = flight.right(0.05);
+                flight.measure(&[mistaken(&right)]);
+            }
+            let estimate = flight.estimate();
+            flight.error(&estimate.dominant)
+        };
+        let (off, yaw_off) = mistake(3);
         assert!(off < 0.15 && yaw_off < 0.1, "{settings:?}: {off} {yaw_off}");
+        // Six tenths of a second of one and the same answer are not chance any more.
+        let (_, yaw_off) = mistake(9);
+        assert!(yaw_off > 1.0, "{settings:?}: {yaw_off}");
     }
 }
 

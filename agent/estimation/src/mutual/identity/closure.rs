@@ -155,4 +155,13 @@ mod tests {
         let weight = agreement(&[near(10), unknown, unknown], 3, 0, 1);
         assert!(weight.iter().all(|weight| (*weight - 1.0).abs() < 1e-9));
     }
+
+    #[test]
+    fn a_third_vehicle_that_is_wrong_does_not_make_a_yaw_impossible() {
+        let only =
+            |bin: usize| -> YawBelief { std::array::from_fn(|at| f64::from(u8::from(at == bin))) };
+        let weight = agreement(&[near(10), only(35), only(90)], 3, 0, 1);
+        let least = weight.iter().copied().fold(f64::INFINITY, f64::min);
+        assert!(least > 1e-3, "{least}");
+    }
 }

@@ -217,7 +217,16 @@ impl JointFilter {
             let doubt = NONE_WEIGHT * none / chance;
             // The farther off, the rather it is something else that is anywhere.
             let unlikely = doubt * (0.5 * innovation.squared_distance).exp();
-            held[sight] = Some((targets[target], 1.0 / (1.0 + rivals + unlikely)));
+            // It may belong to a track beside it that went without, and that is somebody else.
+            let stray: f64 = sights[sight]
+                .strays
+                .iter()
+                .map(|(distance, chances)| {
+                    let likelier = -0.5 * (distance - innovation.squared_distance);
+                    (1.0 - chances[targets[target]]) * likelier.exp()
+                })
+                .sum();
+            held[sight] = Some((targets[target], 1.0 / (1.0 + rivals + unlikely + stray)));
             let softened = (1.0 + rivals + doubt).min(SOFTENED_MAX);
             self.take(innovation, softened);
         }
@@ -341,115 +350,4 @@ impl JointFilter {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::super::flight::Flight;
-    use super::*;
-    use rand::SeedableRng;
-    use rand_chacha::ChaCha8Rng;
-
-    const TEAM: [[f64; 3]; 3] = [[0.0, 0.0, 2.0], [3.0, -1.0, 3.0], [1.0, 3.0, 1.5]];
-    const DT_S: f64 = 0.05;
-
-    /// Both neighbours of robot 0 in the filter, thought half as far again as they are.
-    fn started(flight: &Flight) -> JointFilter {
-        let mut filter = JointFilter::new();
-        for robot in 1..TEAM.len() {
-            let truth = flight.relative(0, robot, 0.0);
-            filter.insert(
-                robot,
-                Reduced {
-                    position_m: truth.position_m * 1.5,
-                    ..truth
-                },
-            );
-        }
-        filter
-    }
-
-    fn sights(flight: &mut Flight, observer: usize, t_s: f64) -> Vec<Sight> {
-        let set = flight.set(observer, t_s);
-        let others: Vec<usize> = (0..TEAM.len()).filter(|other| *other != observer).collect();
-        let sight = |(feature, other): (&crate::mutual::Feature, &usize)| Sight {
-            direction: feature.direction,
-            variance_rad2: feature.sigma_rad.powi(2),
-            chances: (0..TEAM.len())
-                .map(|robot| if robot == *other { 0.95 } else { 0.02 })
-                .collect(),
-        };
-        set.features.iter().zip(&others).map(sight).collect()
-    }
-
-    fn fly(
-        flight: &mut Flight,
-        filter: &mut JointFilter,
-        observers: &[usize],
-        until_s: f64,
-    ) -> f64 {
-        let mut t_s = 0.0;
-        while t_s < until_s {
-            let next_s = t_s + DT_S;
-            let motions: Vec<Motion> = (0..TEAM.len())
-                .map(|robot| {
-                    flight
-                        .inertial(robot, next_s)
-                        .since(&flight.inertial(robot, t_s))
-                })
-                .collect();
-            filter.predict(DT_S, &motions, &[(0.0, 0.0); TEAM.len()]);
-            for observer in observers {
-                let held = filter.observe(*observer, 0.0, &sights(flight, *observer, next_s));
-                assert_eq!(held.len(), TEAM.len() - 1);
-            }
-            filter.settle();
-            t_s = next_s;
-        }
-        t_s
-    }
-
-    fn distance_variance(filter: &JointFilter, robot: usize) -> f64 {
-        let outward = filter
-            .state(robot)
-            .expect("it is in")
-            .position_m
-            .normalize();
-        let covariance = filter.covariance(robot).expect("it is in");
-        (outward.transpose() * covariance.fixed_view::<3, 3>(0, 0) * outward)[0]
-    }
-
-    #[test]
-    fn distances_come_from_the_motion_of_all() {
-        let mut flight = Flight::new(&TEAM, 3, 0.05, ChaCha8Rng::seed_from_u64(2));
-        let mut filter = started(&flight);
-        let t_s = fly(&mut flight, &mut filter, &[0, 1, 2], 15.0);
-        for robot in 1..TEAM.len() {
-            let (held, truth) = (
-                filter.state(robot).expect("it is in"),
-                flight.relative(0, robot, t_s),
-            );
-            let off = (held.position_m - truth.position_m).norm() / truth.position_m.norm();
-            assert!(off < 0.12, "robot {robot}: {off}");
-        }
-        assert!(filter.covariance.clone().cholesky().is_some());
-    }
-
-    #[test]
-    fn what_neighbours_see_of_each_other_helps() {
-        let knowing = |observers: &[usize]| {
-            let mut flight = Flight::new(&TEAM, 3, 0.05, ChaCha8Rng::seed_from_u64(2));
-            let mut filter = started(&flight);
-            let _ = fly(&mut flight, &mut filter, observers, 5.0);
-            distance_variance(&filter, 1)
-        };
-        assert!(knowing(&[0, 1, 2]) < 0.8 * knowing(&[0]));
-    }
-
-    #[test]
-    fn who_is_let_go_leaves_the_others_as_they_were() {
-        let flight = Flight::new(&TEAM, 3, 0.05, ChaCha8Rng::seed_from_u64(3));
-        let mut filter = started(&flight);
-        let (state, covariance) = (filter.state(2), filter.covariance(2));
-        filter.forget(1);
-        assert_eq!((filter.state(1), filter.covariance(1)), (state, covariance));
-        assert_eq!(filter.state(2), None);
-    }
-}
+mod tests;

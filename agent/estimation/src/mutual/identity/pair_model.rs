@@ -20,8 +20,12 @@ pub(super) type YawBelief = [f64; YAW_BINS];
 
 /// Per epoch, a track loses its identity (the tracker swapped it) with this probability ...
 const LEAK: f64 = 0.02;
-/// ... and a vehicle without a track has got one.
+/// ... and a vehicle without a track has got one ...
 const REACQUIRED: f64 = 0.15;
+/// ... which is so much rarer one that the model has known for longer than so many epochs (2 s): that was somebody else all
+/// the time, a robot that says nothing or a phantom, which only passes where the other would be if it were in sight.
+const REACQUIRED_OLD: f64 = 0.15;
+const YOUNG_EPOCHS: u8 = 8;
 /// Per epoch, the model forgets the tracks and the yaw altogether: the floor from which a wrong mode is left. Without it
 /// wrong modes of symmetric formations last for half a minute.
 const FORGOTTEN: f64 = 0.003;
@@ -79,6 +83,8 @@ pub(super) struct PairModel {
     second: usize,
     /// By lane of the first, then of the second, then yaw; index 0 is none, lane n is n + 1.
     mass: Vec<f64>,
+    /// For how many epochs each lane of either has been known to this model.
+    ages: [Vec<u8>; 2],
 }
 
 impl PairModel {
@@ -88,6 +94,7 @@ impl PairModel {
             first: 0,
             second: 0,
             mass: vec![1.0 / YAW_BINS as f64; YAW_BINS],
+            ages: [Vec::new(), Vec::new()],
         }
     }
 
@@ -99,6 +106,7 @@ impl PairModel {
         exclusive: [&[f64]; 2],
         evidence: bool,
     ) {
+        self.grow_older([first.before, second.before]);
         self.take_over(first.before, second.before);
         self.mix(first.crossings, second.crossings);
         self.leak();
@@ -143,6 +151,16 @@ impl PairModel {
             *mass /= total.max(f64::MIN_POSITIVE);
         }
         [of_first, of_second]
+    }
+
+    fn grow_older(&mut self, before: [&[Option<usize>]; 2]) {
+        for (ages, before) in self.ages.iter_mut().zip(before) {
+            let age = |from: &Option<usize>| {
+                from.and_then(|from| ages.get(from))
+                    .map_or(0, |age| age.saturating_add(1))
+            };
+            *ages = before.iter().map(age).collect();
+        }
     }
 
     /// The lanes of now from those of before: what has died is none again.
@@ -208,12 +226,13 @@ impl PairModel {
     /// Tracks lose their identity without a sign of it, and who had none gets one.
     fn leak(&mut self) {
         let row = (self.second + 1) * YAW_BINS;
+        let [first, second] = self.ages.each_ref().map(|ages| reacquired(ages));
         for offset in 0..row {
-            leak_along(&mut self.mass, offset, row, self.first);
+            leak_along(&mut self.mass, offset, row, &first);
         }
         for a in 0..=self.first {
             for yaw in 0..YAW_BINS {
-                leak_along(&mut self.mass, a * row + yaw, YAW_BINS, self.second);
+                leak_along(&mut self.mass, a * row + yaw, YAW_BINS, &second);
             }
         }
     }
@@ -271,19 +290,31 @@ impl PairModel {
     }
 }
 
-/// Leaks along one axis: index 0 is none, `stride` apart `lanes` lanes follow.
-fn leak_along(mass: &mut [f64], none: usize, stride: usize, lanes: usize) {
-    if lanes == 0 {
-        return;
-    }
-    let got = REACQUIRED * mass[none] / lanes as f64;
-    let mut lost = 0.0;
-    for lane in 1..=lanes {
-        let at = none + lane * stride;
+/// For each lane of these ages the probability that a vehicle that was none of the lanes is this one now.
+fn reacquired(ages: &[u8]) -> Vec<f64> {
+    let share = REACQUIRED / ages.len().max(1) as f64;
+    ages.iter()
+        .map(|age| {
+            if *age < YOUNG_EPOCHS {
+                share
+            } else {
+                REACQUIRED_OLD * share
+            }
+        })
+        .collect()
+}
+
+/// Leaks along one axis: index 0 is none, `stride` apart the lanes follow, which get these parts of what was none.
+fn leak_along(mass: &mut [f64], none: usize, stride: usize, parts: &[f64]) {
+    let before = mass[none];
+    let (mut lost, mut got) = (0.0, 0.0);
+    for (lane, part) in parts.iter().enumerate() {
+        let at = none + (lane + 1) * stride;
         lost += LEAK * mass[at];
-        mass[at] = (1.0 - LEAK) * mass[at] + got;
+        got += part * before;
+        mass[at] = (1.0 - LEAK) * mass[at] + part * before;
     }
-    mass[none] = (1.0 - REACQUIRED) * mass[none] + lost;
+    mass[none] = before - got + lost;
 }
 
 /// Multiplies the bins near the yaw at which two sights are a pair by how well they agree, over what is already in there
@@ -319,123 +350,4 @@ fn agree(cell: &mut [f64], first: &Sight, second: &Sight) {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::super::flight::Flight;
-    use super::*;
-    use crate::mutual::direction::{azimuth_rad, turned, zenith_rad};
-    use nalgebra::UnitVector3;
-    use rand::SeedableRng;
-    use rand_chacha::ChaCha8Rng;
-
-    const TEAM: [[f64; 3]; 3] = [[0.0, 0.0, 2.0], [3.0, -1.0, 3.0], [1.0, 3.0, 1.5]];
-
-    /// What a robot sees of all others, in its gyro frame.
-    fn sights(flight: &Flight, observer: usize, t_s: f64) -> Vec<Sight> {
-        let others = (0..TEAM.len()).filter(|other| *other != observer);
-        others
-            .map(|other| {
-                let level =
-                    UnitVector3::new_normalize(flight.relative(observer, other, t_s).position_m);
-                let gyro = turned(&level, flight.inertial(observer, t_s).yaw_rad);
-                Sight {
-                    azimuth_rad: azimuth_rad(&gyro),
-                    zenith_rad: zenith_rad(&gyro),
-                    variance_rad2: 0.05 * 0.05,
-                }
-            })
-            .collect()
-    }
-
-    fn side<'a>(sights: &'a [Sight], before: &'a [Option<usize>]) -> Side<'a> {
-        Side {
-            sights,
-            before,
-            crossings: &[],
-        }
-    }
-
-    fn total(model: &PairModel) -> f64 {
-        model.yaw().iter().sum()
-    }
-
-    #[test]
-    fn a_pair_that_moves_finds_each_other_and_the_yaw_between_their_gyro_frames() {
-        let flight = Flight::new(&TEAM, 3, 0.0, ChaCha8Rng::seed_from_u64(0));
-        let mut model = PairModel::new();
-        let none = vec![None; 2];
-        let same = vec![Some(0), Some(1)];
-        for epoch in 0..40 {
-            let t_s = 0.25 * f64::from(epoch);
-            let before = if epoch == 0 { &none } else { &same };
-            let (first, second) = (sights(&flight, 1, t_s), sights(&flight, 2, t_s));
-            model.step(
-                &side(&first, before),
-                &side(&second, before),
-                [&[1.0; 2], &[1.0; 2]],
-                true,
-            );
-            assert!((total(&model) - 1.0).abs() < 1e-9);
-        }
-        // Of robot 1's lanes (0, 2) the second is robot 2; of robot 2's lanes (0, 1) the second is robot 1.
-        let [of_first, of_second] = model.lanes(&[1.0; YAW_BINS]);
-        assert!(
-            of_first[1] > 0.9 && of_second[1] > 0.9,
-            "{of_first:?} {of_second:?}"
-        );
-        let yaw = model.yaw();
-        let likeliest = (0..YAW_BINS)
-            .max_by(|a, b| yaw[*a].total_cmp(&yaw[*b]))
-            .expect("there are bins");
-        // At 0 s gyro frames are level frames.
-        let truth_rad = flight.relative(1, 2, 0.0).yaw_rad;
-        assert!(wrapped(likeliest as f64 * YAW_BIN_RAD - truth_rad).abs() <= YAW_BIN_RAD);
-    }
-
-    #[test]
-    fn a_track_that_dies_takes_its_identity_along_but_not_the_yaw() {
-        let flight = Flight::new(&TEAM, 3, 0.0, ChaCha8Rng::seed_from_u64(0));
-        let mut model = PairModel::new();
-        let same = vec![Some(0), Some(1)];
-        model.take_over(&[None, None], &[None, None]);
-        for epoch in 0..40 {
-            let t_s = 0.25 * f64::from(epoch);
-            let (first, second) = (sights(&flight, 1, t_s), sights(&flight, 2, t_s));
-            model.step(
-                &side(&first, &same),
-                &side(&second, &same),
-                [&[1.0; 2], &[1.0; 2]],
-                true,
-            );
-        }
-        let yaw = model.yaw();
-        model.take_over(&[Some(0)], &[Some(0), Some(1)]);
-        assert!(
-            model
-                .yaw()
-                .iter()
-                .zip(yaw)
-                .all(|(after, before)| (after - before).abs() < 1e-12)
-        );
-        let [of_first, _] = model.lanes(&[1.0; YAW_BINS]);
-        assert!(of_first[0] < 0.1, "{of_first:?}");
-    }
-
-    #[test]
-    fn sights_that_are_no_numbers_leave_probabilities() {
-        let mut model = PairModel::new();
-        let broken = [Sight {
-            azimuth_rad: f64::NAN,
-            zenith_rad: f64::NAN,
-            variance_rad2: 1e-3,
-        }];
-        for _ in 0..3 {
-            model.step(
-                &side(&broken, &[None]),
-                &side(&broken, &[None]),
-                [&[1.0], &[1.0]],
-                true,
-            );
-            assert!((total(&model) - 1.0).abs() < 1e-9);
-        }
-    }
-}
+mod tests;

@@ -204,3 +204,6 @@ impl Filter {
         self.covariance = (covariance + covariance.transpose()) * 0.5;
     }
 }
+
+#[cfg(test)]
+mod tests;

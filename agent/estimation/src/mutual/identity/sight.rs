@@ -22,4 +22,7 @@ pub(super) struct Sight {
     pub(super) variance_rad2: f64,
     /// For each talker the probability that it is this feature, as far as the pair models know.
     pub(super) chances: Vec<f64>,
+    /// Tracks of who saw it that were given no feature of this image and are near this one: their squared normalised
+    /// distance, and for each talker the probability that the track is it. The feature may be theirs.
+    pub(super) strays: Vec<(f64, Vec<f64>)>,
 }

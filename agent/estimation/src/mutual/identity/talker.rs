@@ -6,6 +6,7 @@ use crate::mutual::direction::{azimuth_rad, difference, turned, zenith_rad};
 use crate::mutual::feature_set::{
     FEATURES_MAX, Feature, FeatureSet, Inertial, Motion, TRACKS_MAX, TrackNumber,
 };
+use crate::mutual::unused::{Unused, is_flyable, is_understood};
 use crate::time::Stamp;
 use crate::vehicle_id::VehicleId;
 use nalgebra::{UnitVector3, Vector3};
@@ -24,8 +25,6 @@ const RESTARTED_S: f64 = 0.5;
 const TRACKS_LIVE_S: f64 = 0.5;
 /// Crossings mixed less than this are passed over.
 const CROSSING_MIN: f64 = 0.005;
-/// Greatest magnitudes that are believed: integrated yaw (rad), speed (m/s), position (m), time (s).
-const BELIEVED_MAX: f64 = 1e9;
 
 /// One vehicle.
 #[derive(Clone, Debug)]
@@ -57,20 +56,24 @@ pub(super) struct Waiting {
     pub(super) features: Vec<Feature>,
 }
 
-/// How a set fits what was told before.
+/// How a set that is taken fits what was told before.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Taken {
     /// It goes on.
     Newer,
-    /// It is not newer, or not to be understood.
-    Refused,
     /// Its sender was restarted: its gyro frame and its track numbers are others.
     Restarted,
 }
 
 impl Talker {
-    /// A vehicle heard for the first time; none when its set is not to be understood.
-    pub(super) fn new(vehicle: VehicleId, set: &FeatureSet) -> Option<Self> {
+    /// A vehicle heard for the first time.
+    ///
+    /// # Errors
+    /// [`Unused::Implausible`].
+    pub(super) fn new(vehicle: VehicleId, set: &FeatureSet) -> Result<Self, Unused> {
+        if !is_understood(set) {
+            return Err(Unused::Implausible);
+        }
         let mut talker = Self {
             vehicle,
             taken: set.taken,
@@ -87,29 +90,34 @@ impl Talker {
             before: Vec::with_capacity(LANES_MAX),
             crossings: Vec::new(),
         };
-        understood(set).then(|| {
-            talker.take(set);
-            talker
-        })
+        talker.take(set);
+        Ok(talker)
     }
 
-    /// Takes a further set.
-    pub(super) fn hear(&mut self, set: &FeatureSet) -> Taken {
-        if !understood(set) || set.taken <= self.taken {
-            return Taken::Refused;
+    /// Takes a further set; of a sender that was restarted nothing is taken.
+    ///
+    /// # Errors
+    /// [`Unused::TooOld`] and [`Unused::Implausible`]: then nothing has changed.
+    pub(super) fn hear(&mut self, set: &FeatureSet) -> Result<Taken, Unused> {
+        if set.taken <= self.taken {
+            return Err(Unused::TooOld);
+        }
+        if !is_understood(set) {
+            return Err(Unused::Implausible);
         }
         let by_stamp_s = (set.taken - self.taken).as_secs_f64();
         let elapsed_s = set.inertial.elapsed_s - self.inertial.elapsed_s;
         if (elapsed_s - by_stamp_s).abs() > RESTARTED_S + 0.1 * by_stamp_s {
-            return Taken::Restarted;
+            return Ok(Taken::Restarted);
         }
-        if elapsed_s > 1e-6 {
-            let faster = set.inertial.velocity_m_s - self.inertial.velocity_m_s;
-            let turned_rad = set.inertial.yaw_rad - self.inertial.yaw_rad;
-            self.rates = (faster / elapsed_s, turned_rad / elapsed_s);
+        if !is_flyable(&set.inertial.since(&self.inertial)) {
+            return Err(Unused::Implausible);
         }
+        let faster = set.inertial.velocity_m_s - self.inertial.velocity_m_s;
+        let turned_rad = set.inertial.yaw_rad - self.inertial.yaw_rad;
+        self.rates = (faster / elapsed_s, turned_rad / elapsed_s);
         self.take(set);
-        Taken::Newer
+        Ok(Taken::Newer)
     }
 
     fn take(&mut self, set: &FeatureSet) {
@@ -282,16 +290,5 @@ fn is_direction(direction: &UnitVector3<f64>) -> bool {
     (direction.norm_squared() - 1.0).abs() < 1e-3
 }
 
-fn understood(set: &FeatureSet) -> bool {
-    let Inertial {
-        elapsed_s,
-        yaw_rad,
-        velocity_m_s,
-        position_m,
-    } = &set.inertial;
-    [*elapsed_s, *yaw_rad]
-        .iter()
-        .chain(velocity_m_s.iter())
-        .chain(position_m.iter())
-        .all(|number| number.abs() < BELIEVED_MAX)
-}
+#[cfg(test)]
+mod tests;

@@ -8,6 +8,8 @@ use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+mod hostile;
+
 /// Four that talk and one that does not.
 const TEAM: [[f64; 3]; 5] = [
     [-2.0, -2.2, 2.0],
@@ -49,7 +51,7 @@ impl Team {
             for robot in 1..self.flight.talking {
                 let set = self.flight.set(robot, now_s - 0.01);
                 if speaks(robot) && self.radio.random::<f64>() >= self.loss {
-                    self.identity.heard(Flight::vehicle(robot), &set);
+                    let _ = self.identity.heard(Flight::vehicle(robot), &set);
                 }
             }
             let own = self.flight.set(0, now_s);
@@ -161,7 +163,7 @@ fn who_was_restarted_is_found_in_its_new_frame() {
                     position_m: since.position_m,
                 };
             }
-            team.identity.heard(Flight::vehicle(robot), &set);
+            let _ = team.identity.heard(Flight::vehicle(robot), &set);
         }
         let own = team.flight.set(0, now_s);
         team.identity.own(&own);
@@ -176,7 +178,7 @@ fn neighbours_beyond_the_bound_are_passed_over() {
     identity.own(&flight.set(0, 0.0));
     let set = flight.set(1, 0.0);
     for neighbour in 0..=NEIGHBOURS_MAX {
-        identity.heard(VehicleId(neighbour as u64), &set);
+        let _ = identity.heard(VehicleId(neighbour as u64), &set);
     }
     assert_eq!(identity.located().len(), NEIGHBOURS_MAX);
     identity.own(&flight.set(0, 0.3));
@@ -202,7 +204,7 @@ fn nonsense_changes_nothing_and_breaks_nothing() {
         told(&|set| set.taken = stamp(now_s - 1.0)),
     ];
     for set in &nonsense {
-        team.identity.heard(Flight::vehicle(1), set);
+        let _ = team.identity.heard(Flight::vehicle(1), set);
         // The own clock only ever goes on.
         if set.taken <= stamp(now_s) {
             team.identity.own(set);
@@ -235,7 +237,7 @@ fn a_flood_of_features_and_equal_tracks_is_bounded() {
             flooded.features = vec![feature; 4 * FEATURES_MAX];
             flooded.tracks = vec![track; 4 * TRACKS_MAX];
         }
-        team.identity.heard(Flight::vehicle(1), &set);
+        let _ = team.identity.heard(Flight::vehicle(1), &set);
         team.identity.own(&own);
         assert!(team.identity.identities().len() <= FEATURES_MAX);
         for located in team.identity.located() {

@@ -1,12 +1,14 @@
 //! One neighbour of the paper's way: what it told last, and the filter that follows it.
 
-use super::{Settings, sightings};
+use super::Settings;
+use super::translated::sightings;
 use crate::mutual::feature_set::{FeatureSet, Inertial};
 use crate::mutual::filter::mixture::{Mixture, Responsibilities};
 use crate::mutual::filter::{Estimate, NeighbourFilter};
 use crate::mutual::located::{Located, Reduced, Status};
 use crate::mutual::propagation::{inertial_at, propagated};
 use crate::mutual::registration::{self, Belief, Pose};
+use crate::mutual::unused::{Unused, is_flyable};
 use crate::time::{Span, Stamp};
 use crate::vehicle_id::VehicleId;
 use nalgebra::Matrix4;
@@ -85,18 +87,26 @@ impl Neighbour {
         self.followed.as_ref().map(|followed| &followed.filter)
     }
 
-    /// Takes a set; one that is not newer changes nothing. After a restart its integrals say nothing of what is believed.
-    pub(super) fn hear(&mut self, set: &FeatureSet) {
+    /// Takes a set. After a restart its integrals say nothing of what is believed.
+    ///
+    /// # Errors
+    /// [`Unused::TooOld`] and [`Unused::Implausible`].
+    pub(super) fn hear(&mut self, set: &FeatureSet) -> Result<(), Unused> {
         if set.taken <= self.newest.taken {
-            return;
+            return Err(Unused::TooOld);
+        }
+        let restarted = set.inertial.elapsed_s < self.newest.inertial.elapsed_s;
+        if !restarted && !is_flyable(&set.inertial.since(&self.newest.inertial)) {
+            return Err(Unused::Implausible);
         }
         let before = std::mem::replace(&mut self.newest, set.clone());
-        if self.newest.inertial.elapsed_s < before.inertial.elapsed_s {
+        if restarted {
             self.before = None;
             self.followed = None;
         } else {
             self.before = Some(before);
         }
+        Ok(())
     }
 
     /// Where its integrals are held to be at an instant; none when it has been silent for too long to say.
@@ -210,7 +220,9 @@ impl Neighbour {
                 },
             },
             relative,
-            covariance: relative.map(|_| estimate.covariance),
+            // That of the dominant cluster was never shown to be the error's: filters of one neighbour each take the same
+            // sightings for independent.
+            covariance: None,
             identity_probability: self.identity_probability,
         }
     }

@@ -90,7 +90,7 @@ impl Team {
         for vehicle in 1..self.vehicles.len() {
             let set = self.set(vehicle);
             if heard(vehicle, self.step) {
-                self.registered.heard(id(vehicle), &set);
+                let _ = self.registered.heard(id(vehicle), &set);
             }
         }
     }
@@ -266,7 +266,7 @@ fn neighbours_beyond_the_bound_are_passed_over() {
     team.step(all);
     let set = team.set(1);
     for vehicle in 100..100 + NEIGHBOURS_MAX {
-        team.registered.heard(id(vehicle), &set);
+        let _ = team.registered.heard(id(vehicle), &set);
     }
     assert_eq!(team.registered.located().len(), NEIGHBOURS_MAX);
     assert_eq!(team.registered.passed_over().sets, 1);
@@ -306,10 +306,10 @@ fn sets_out_of_time_change_nothing() {
     team.registered.own(&old);
     let mut late = team.set(1);
     late.taken = late.taken - Span::secs(10);
-    team.registered.heard(id(1), &late);
+    let _ = team.registered.heard(id(1), &late);
     let mut early = team.set(1);
     early.taken += Span::secs(10);
-    team.registered.heard(id(1), &early);
+    let _ = team.registered.heard(id(1), &early);
     assert_eq!(team.registered.located(), before);
 }
 
