@@ -67,12 +67,12 @@ fn one_second(criterion: &mut Criterion) {
             .collect();
         group.bench_function(name, |bencher| {
             bencher.iter(|| {
-                for time in 0..MOTIONS {
+                for (time, mixture) in mixtures.iter().enumerate() {
                     let (own, neighbour) = motions(time);
                     for filter in &mut neighbours {
                         filter.predict(&own, &neighbour, &mut rng);
                         if time % MEASURED_EVERY == 0 {
-                            black_box(filter.update(&mixtures[time], &mut rng));
+                            black_box(filter.update(mixture, &mut rng));
                         }
                     }
                 }

@@ -13,7 +13,7 @@ use crate::mutual::assignment::assign;
 use crate::mutual::direction::{difference, turned};
 use crate::mutual::feature_set::Motion;
 use crate::mutual::located::Reduced;
-use nalgebra::{DMatrix, DVector, Matrix2, SMatrix, UnitVector3, Vector2};
+use nalgebra::{DMatrix, DVector, Matrix2, SMatrix, Vector2};
 
 /// What a sight may cost in all.
 const COST_MAX: f64 = 19.8;
