@@ -2,3 +2,5 @@
 //! measured is how far it is?
 
 pub mod schedule;
+
+pub mod trilateration;

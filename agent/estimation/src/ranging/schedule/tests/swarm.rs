@@ -145,10 +145,10 @@ impl Swarm {
             let Some(message) = message else { continue };
             for to in &self.links[from] {
                 for _ in 0..self.repeats {
-                    if self.rng.random_bool(1.0 - self.loss) {
-                        if let Some(scheduler) = &mut self.schedulers[*to] {
-                            scheduler.hear(id(from), message).unwrap();
-                        }
+                    if self.rng.random_bool(1.0 - self.loss)
+                        && let Some(scheduler) = &mut self.schedulers[*to]
+                    {
+                        scheduler.hear(id(from), message).unwrap();
                     }
                 }
             }
