@@ -1,13 +1,14 @@
 //! A mixture of Gaussians over where a neighbour is and how it is turned, fed with the distance and both odometries of
 //! each round. The first distance starts it with every bearing and orientation; what the distances then contradict is
-//! dropped, and at most [`MODES_MAX`] modes live on. Each is an iterated extended Kalman filter.
+//! dropped, and as soon as [`MODES_MAX`] modes hold nearly all the weight, no more live on. Each is an iterated extended
+//! Kalman filter that passes over distances which it takes for outliers, at a price.
 
-use super::pair_motion::{self, Noise, PairMotion, Refusal, Turtle};
-use super::{MOVE_MIN_M, Relative, ahead, wrapped};
+use super::pair_motion::{self, Noise, PairMotion, Refusal};
+use super::{Relative, ahead, wrapped};
 use nalgebra::{Matrix2, Matrix3, Rotation2, RowVector3, Vector2, Vector3};
 use std::f64::consts::TAU;
 
-/// Modes that live on.
+/// Modes that live on once they hold nearly all the weight.
 pub const MODES_MAX: usize = 8;
 
 /// Modes of the start: bearings times orientations.
@@ -15,8 +16,11 @@ pub const START_MODES: usize = START_ANGLES * START_ANGLES;
 
 const START_ANGLES: usize = 24;
 
-/// Moves of each robot after which no more than [`MODES_MAX`] are kept: two triangles each.
-const START_MOVES: u32 = 2;
+/// What the modes beyond [`MODES_MAX`] may hold of the weight to be dropped.
+const REST: f64 = 1e-4;
+
+/// What both must have driven for the likeliest mode to be worth telling (m).
+const TRAVEL_MIN_M: f64 = 0.1;
 
 /// The least standard deviation of a distance (m): mixtures of a sharper one lose the right mode between the others.
 const RANGE_SIGMA_MIN_M: f64 = 0.05;
@@ -26,6 +30,9 @@ const ITERATIONS: usize = 5;
 
 /// Modes with less than this share of the likeliest one's weight are dropped (natural logarithm).
 const NEGLIGIBLE: f64 = -14.0;
+
+/// Logarithm of the density of a distance that is an outlier: 2 % of all, spread over 10 m.
+const OUTLIER: f64 = -6.2;
 
 /// Two modes within so many standard deviations are one.
 const SAME_NIS: f64 = 0.5;
@@ -45,8 +52,9 @@ pub struct Mode {
 #[derive(Clone, Debug)]
 pub struct Bank {
     modes: Vec<Mode>,
-    own_moves: u32,
-    their_moves: u32,
+    /// What both have driven (m).
+    own_travel_m: f64,
+    their_travel_m: f64,
 }
 
 impl Bank {
@@ -81,8 +89,8 @@ impl Bank {
         });
         Ok(Self {
             modes: modes.collect(),
-            own_moves: 0,
-            their_moves: 0,
+            own_travel_m: 0.0,
+            their_travel_m: 0.0,
         })
     }
 
@@ -106,9 +114,8 @@ impl Bank {
                 mode.correct(range_m, range_sigma_m(noise));
             }
         }
-        let moved = |one: &Turtle| u32::from(one.translation_m.norm() >= MOVE_MIN_M);
-        self.own_moves = self.own_moves.saturating_add(moved(&motion.own));
-        self.their_moves = self.their_moves.saturating_add(moved(&motion.theirs));
+        self.own_travel_m += motion.own.translation_m.norm();
+        self.their_travel_m += motion.theirs.translation_m.norm();
         self.prune();
         Ok(())
     }
@@ -119,13 +126,11 @@ impl Bank {
         &self.modes
     }
 
-    /// The likeliest mode, once both have moved often enough for there to be one.
+    /// The likeliest mode, once both have moved: before, any is as likely as another.
     #[must_use]
     pub fn estimate(&self) -> Option<&Mode> {
-        if self.own_moves.min(self.their_moves) == 0 {
-            return None;
-        }
-        self.modes.first()
+        let has_begun = self.own_travel_m.min(self.their_travel_m) >= TRAVEL_MIN_M;
+        self.modes.first().filter(|_| has_begun)
     }
 
     /// The weight of the likeliest mode among all, from 0 to 1.
@@ -148,20 +153,21 @@ impl Bank {
             .sort_by(|a, b| b.log_weight.total_cmp(&a.log_weight));
         let best = self.modes.first().map_or(0.0, |one| one.log_weight);
         let mut kept: Vec<Mode> = Vec::new();
-        let has_started = self.own_moves.min(self.their_moves) >= START_MOVES;
-        let room = if has_started { MODES_MAX } else { START_MODES };
         for mut mode in self.modes.drain(..) {
             mode.log_weight -= best;
-            if mode.log_weight < NEGLIGIBLE || kept.len() >= room {
+            if mode.log_weight < NEGLIGIBLE {
                 break;
             }
-            // Before the start is over modes are wide and overlap on purpose.
-            if has_started && let Some(same) = kept.iter_mut().find(|one| one.is_near(&mode)) {
-                let (a, b) = (same.log_weight.exp(), mode.log_weight.exp());
-                same.log_weight = (a + b).ln();
+            if let Some(same) = kept.iter_mut().find(|one| one.is_near(&mode)) {
+                same.log_weight = (same.log_weight.exp() + mode.log_weight.exp()).ln();
             } else {
                 kept.push(mode);
             }
+        }
+        kept.sort_by(|a, b| b.log_weight.total_cmp(&a.log_weight));
+        let weight = |modes: &[Mode]| -> f64 { modes.iter().map(|one| one.log_weight.exp()).sum() };
+        if kept.len() > MODES_MAX && weight(&kept[MODES_MAX..]) < REST * weight(&kept) {
+            kept.truncate(MODES_MAX);
         }
         self.modes = kept;
     }
@@ -232,7 +238,12 @@ impl Mode {
             .covariance
             .cholesky()
             .map_or(f64::NAN, |cholesky| moved.dot(&cholesky.solve(&moved)));
-        self.log_weight -= 0.5 * (misfit + prior_misfit + (s / variance).ln() + variance.ln());
+        let log_density = -0.5 * (misfit + prior_misfit + s.ln() + TAU.ln());
+        if log_density < OUTLIER {
+            self.log_weight += OUTLIER;
+            return;
+        }
+        self.log_weight += log_density;
         // Joseph's form stays symmetric and positive.
         let reduced = Matrix3::identity() - gain * h;
         self.covariance =

@@ -138,7 +138,8 @@ fn the_bank_never_keeps_more_modes_than_it_has_room_for_and_says_how_sure_it_is(
     for round in 0..40 {
         let (motion, range_m) = pair.round();
         bank.update(&motion, Some(range_m), &NOISE).unwrap();
-        assert!(round < 4 || bank.modes().len() <= MODES_MAX);
+        assert!(bank.modes().len() <= START_MODES);
+        assert!(round < 20 || bank.modes().len() <= MODES_MAX);
     }
     assert!(bank.certainty() > 0.99, "{}", bank.certainty());
     let likeliest = bank
@@ -146,6 +147,20 @@ fn the_bank_never_keeps_more_modes_than_it_has_room_for_and_says_how_sure_it_is(
         .iter()
         .all(|one| one.log_weight <= bank.modes()[0].log_weight);
     assert!(likeliest);
+}
+
+#[test]
+fn a_distance_that_went_a_longer_way_is_passed_over() {
+    let mut pair = Pair::new(2, NOISE);
+    let mut bank = Bank::new(pair.range_m(), &NOISE).unwrap();
+    for round in 0..40 {
+        let (motion, range_m) = pair.round();
+        let detour_m = if round % 5 == 4 { 4.0 } else { 0.0 };
+        let told_m = Some(range_m + detour_m);
+        bank.update(&motion, told_m, &NOISE).unwrap();
+    }
+    let (off_m, off_rad) = pair.error(&bank.estimate().unwrap().at);
+    assert!(off_m < 1.5 && off_rad < 0.15, "{off_m} m, {off_rad} rad");
 }
 
 #[test]
