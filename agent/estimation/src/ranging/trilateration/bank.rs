@@ -270,3 +270,6 @@ fn range_sigma_m(noise: &Noise) -> f64 {
     // What is not a number is not greater.
     noise.range_sigma_m.max(RANGE_SIGMA_MIN_M)
 }
+
+#[cfg(test)]
+mod tests;
