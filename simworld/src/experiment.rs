@@ -5,5 +5,6 @@ pub mod consistency;
 pub mod cooperative;
 pub mod modes;
 pub mod mutual;
+pub mod ranging;
 pub mod registration;
 pub mod solver_only;

@@ -8,9 +8,9 @@
 //!                                    streams
 //! ```
 //!
-//! [`truth`], [`trajectory`] and [`sensor`] use none of the estimators' geometry: a sign error there must meet a second
-//! opinion. [`mrclam`] and [`calibration`] put real robots in the place of the virtual ones, [`broad`] and [`euroc`] real
-//! inertial sensors.
+//! [`truth`], [`trajectory`], [`sensor`] and [`planar_swarm`] use none of the estimators' geometry: a sign error there must
+//! meet a second opinion. [`mrclam`] and [`calibration`] put real robots in the place of the virtual ones, [`pyfg`] and
+//! [`tiers`] real distances, [`broad`] and [`euroc`] real inertial sensors.
 
 mod bounded;
 pub mod scenario;
@@ -20,6 +20,7 @@ pub mod trajectory;
 pub mod truth;
 
 pub mod anonymous;
+pub mod planar_swarm;
 pub mod quadrotor;
 pub mod radio;
 pub mod sensor;
@@ -31,6 +32,8 @@ pub mod datasets;
 pub mod euroc;
 pub mod inertial_recording;
 pub mod mrclam;
+pub mod pyfg;
+pub mod tiers;
 
 pub mod evaluation;
 pub mod statistics;

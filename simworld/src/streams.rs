@@ -46,6 +46,10 @@ pub enum Purpose {
     Role = 18,
     /// Which flights a standard error is drawn from.
     Bootstrap = 19,
+    /// What a vehicle draws to be elected.
+    Election = 20,
+    /// When a vehicle crashes, and when it starts again.
+    Crash = 21,
 }
 
 /// The streams of one sample of one experiment.
