@@ -18,6 +18,8 @@ pub mod cooperative;
 
 pub mod mutual;
 
+pub mod ranging;
+
 #[cfg(test)]
 mod lie_laws;
 

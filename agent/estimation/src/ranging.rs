@@ -1,0 +1,13 @@
+//! Relative localisation from distances and odometry alone (Cornejo & Nagpal): where is a neighbour of which all that is
+//! measured is how far it is?
+//!
+//! Without coordination (Algorithm 1), in reading order: where a neighbour may be ([`RelativePose`]), what a few ranges
+//! with the odometry of both say of it, what a long stream of them says, the state machine of one
+//! neighbour that a daemon feeds, and all pairs of a team at once.
+//!
+//! Frames are *level*: a body's origin, z up, x along its heading. Either everything is in one plane, or attitudes are
+//! known from gravity; what is unknown is the neighbour's position and its yaw relative to one's own.
+
+pub mod pose;
+
+pub use pose::{Dimension, RelativePose};
