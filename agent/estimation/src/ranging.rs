@@ -10,4 +10,24 @@
 
 pub mod pose;
 
+pub mod sample;
+
+pub mod window;
+
+pub mod bank;
+
+pub mod neighbour;
+
+pub mod team;
+
+mod trail;
+
+#[cfg(test)]
+mod world;
+
+pub use bank::Bank;
+pub use neighbour::Neighbour;
 pub use pose::{Dimension, RelativePose};
+pub use sample::{LevelOdometry, RangeRefusal, RangeSample};
+pub use team::Team;
+pub use window::Window;
