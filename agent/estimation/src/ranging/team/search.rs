@@ -1,0 +1,124 @@
+//! Formations robot by robot: where each may be as seen from those already placed, the best few of all combinations.
+
+use super::formation::{Descent, Poses};
+use super::{FORMATIONS_MAX, Team};
+use crate::ranging::pose::{RelativePose, turned, wrapped};
+use crate::ranging::trail::Past;
+use crate::ranging::window::{Starts, WINDOW_MIN, Window, WindowSettings};
+use nalgebra::Vector3;
+
+/// Candidates that are refined for every formation that is kept.
+const REFINED_PER_KEPT: usize = 2;
+
+/// The formations that the ranges lead to, best first.
+pub(super) fn formations(team: &Team, settings: &WindowSettings) -> Vec<Poses> {
+    let count = team.now.len();
+    let modes = pair_modes(team, settings);
+    let mut origin = vec![None; count];
+    if let Some(own) = origin.first_mut() {
+        *own = Some(RelativePose::new(Vector3::zeros(), 0.0));
+    }
+    let mut kept: Vec<Poses> = vec![origin];
+    let mut descent = Descent::new(team, settings);
+    let mut placed = vec![0];
+    while let Some(next) = most_heard(team, &placed) {
+        let mut candidates: Vec<(f64, Poses)> = Vec::new();
+        for formation in &kept {
+            for from in &placed {
+                let Some(start) = formation[*from] else {
+                    continue;
+                };
+                for mode in &modes[*from][next] {
+                    let mut candidate = formation.clone();
+                    candidate[next] = Some(composed(&start, mode));
+                    candidates.push((descent.cost(&candidate), candidate));
+                }
+            }
+        }
+        candidates.sort_by(|a, b| a.0.total_cmp(&b.0));
+        candidates.truncate(REFINED_PER_KEPT * FORMATIONS_MAX);
+        for (cost, candidate) in &mut candidates {
+            *cost = descent.refine(candidate);
+        }
+        candidates.retain(|one| one.0.is_finite());
+        candidates.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut distinct: Vec<Poses> = Vec::new();
+        for (_, candidate) in candidates {
+            if distinct.len() < FORMATIONS_MAX
+                && !distinct.iter().any(|one| is_same(one, &candidate))
+            {
+                distinct.push(candidate);
+            }
+        }
+        if !distinct.is_empty() {
+            kept = distinct;
+        }
+        placed.push(next);
+    }
+    kept
+}
+
+/// By pair, in both directions, where the second may be now as the first sees it.
+fn pair_modes(team: &Team, settings: &WindowSettings) -> Vec<Vec<Vec<RelativePose>>> {
+    let count = team.now.len();
+    let mut modes = vec![vec![Vec::new(); count]; count];
+    for high in 1..count {
+        for low in 0..high {
+            let mut window = Window::new();
+            for sample in team.pair(low, high) {
+                // All were checked when they were taken.
+                let _ = window.push(sample);
+            }
+            let Some(newest) = window.newest().copied() else {
+                continue;
+            };
+            let own = Past::of(&newest.own, &team.now[low]);
+            let neighbour = Past::of(&newest.neighbour, &team.now[high]);
+            for mode in window.solve(settings, Starts::Exhaustive, None).as_slice() {
+                let now = own.carried(&neighbour, &mode.pose);
+                modes[low][high].push(now);
+                modes[high][low].push(now.inverse());
+            }
+        }
+    }
+    modes
+}
+
+/// Of the robots not yet placed, the one with most ranges to those that are.
+fn most_heard(team: &Team, placed: &[usize]) -> Option<usize> {
+    let heard = |robot: usize| -> usize {
+        let pairs = placed
+            .iter()
+            .map(|other| team.pair(robot.min(*other), robot.max(*other)));
+        pairs
+            .filter(|pair| pair.len() >= WINDOW_MIN)
+            .map(<[_]>::len)
+            .sum()
+    };
+    let others = (0..team.now.len()).filter(|robot| !placed.contains(robot));
+    others
+        .filter(|robot| heard(*robot) > 0)
+        .max_by_key(|robot| (heard(*robot), usize::MAX - robot))
+}
+
+/// A pose seen from one that is seen itself.
+fn composed(first: &RelativePose, second: &RelativePose) -> RelativePose {
+    RelativePose::new(
+        first.position_m + turned(&second.position_m, first.yaw_rad),
+        first.yaw_rad + second.yaw_rad,
+    )
+}
+
+/// Whether every robot is at the same place in both (to 0.2 m and 0.05 rad).
+pub(super) fn is_same(a: &Poses, b: &Poses) -> bool {
+    a.iter().zip(b).all(|(a, b)| match (a, b) {
+        (Some(a), Some(b)) => is_same_place(a, b),
+        (None, None) => true,
+        _ => false,
+    })
+}
+
+/// Whether two places are one.
+pub(super) fn is_same_place(a: &RelativePose, b: &RelativePose) -> bool {
+    (a.position_m - b.position_m).norm() < 0.2 && wrapped(a.yaw_rad - b.yaw_rad).abs() < 0.05
+}
