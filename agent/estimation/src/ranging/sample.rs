@@ -63,8 +63,8 @@ pub enum RangeRefusal {
     /// The same of the neighbour's.
     #[error("the odometry of the neighbour is absurd")]
     BadNeighbourOdometry,
-    /// The range is not later than the one before.
-    #[error("time does not go on")]
+    /// The range is earlier than the one before. Two of one instant are two: one of each end.
+    #[error("time goes back")]
     NotLater,
 }
 
@@ -102,7 +102,7 @@ impl RangeSample {
         if !(self.sigma_m > 0.0 && self.sigma_m <= RANGE_SIGMA_MAX_M) {
             return Err(RangeRefusal::BadSigma);
         }
-        if before.is_some_and(|before| self.taken <= before.taken) {
+        if before.is_some_and(|before| self.taken < before.taken) {
             return Err(RangeRefusal::NotLater);
         }
         if !self.own.is_sound(before.map(|one| &one.own)) {

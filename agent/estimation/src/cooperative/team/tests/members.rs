@@ -164,7 +164,7 @@ fn two_fixes_that_place_a_vehicle_before_its_first_round_count_once_each() {
         team.fixed(&flight.moments[round][0], 0, &fix)
     };
     // The window of so many is short: by itself it would not reach back to the first fix.
-    assert!(Settings::DEFAULT.lag.usual < 7);
+    const { assert!(Settings::DEFAULT.lag.usual < 7) };
     let placed_at = |round: usize| {
         let mut team = Team::new(id(0), PERIOD, Settings::DEFAULT);
         for vehicle in 1..7 {

@@ -143,7 +143,7 @@ fn what_is_not_known_of_motions_widens_what_is_known_of_places() {
     let widened = |unheard: (f64, f64)| {
         let mut filter = filter.clone();
         filter.predict(DT_S, &[still(); 3], &[(0.0, 0.0), unheard, (0.0, 0.0)]);
-        filter.covariance - &self::known(&flight).covariance
+        filter.covariance - &known(&flight).covariance
     };
     let (plain, silent) = (widened((0.0, 0.0)), widened((0.5, 0.25)));
     // The yaw errs by the own vehicle's and by the neighbour's steps, and the own one's is common to all.
