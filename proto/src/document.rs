@@ -2,10 +2,15 @@
 
 mod covariance;
 mod mutual;
+mod ranging;
 mod team;
 
 pub use covariance::CovarianceDocument;
 pub use mutual::{FeatureDocument, MutualDocument, MutualHealth, MutualStatus, ReducedDocument};
+pub use ranging::{
+    MotionDocument, Permit, RangedDocument, RangingDocument, RangingHealth, RangingStatus,
+    ScheduleHealth,
+};
 pub use team::{NoiseScales, TeamHealth, TeamMemberHealth};
 
 use crate::faults::LinkCount;
@@ -36,6 +41,9 @@ pub struct EstimateDocument {
     /// The robots that the camera saw last, and who they may be.
     #[serde(skip_serializing_if = "Vec::is_empty", default)]
     pub features: Vec<FeatureDocument>,
+    /// Whether the vehicle may move now; absent when it takes no part in a motion schedule.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub motion: Option<MotionDocument>,
     /// When there is no estimate: why, and what to do.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub why: Option<String>,
@@ -79,6 +87,9 @@ pub struct NeighbourDocument {
     /// Where it is by anonymous bearings; absent where this vehicle has no camera and no inertial sensor for that.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub mutual: Option<MutualDocument>,
+    /// Where it is by distances alone; absent where none was measured while either of the two had no pose.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub ranging: Option<RangingDocument>,
 }
 
 /// JSON of `state/health`.
@@ -101,6 +112,9 @@ pub struct HealthDocument {
     /// Localisation by anonymous bearings; absent without an inertial sensor.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub mutual: Option<MutualHealth>,
+    /// Localisation by distances alone; absent where none was measured that it uses, and without a motion schedule.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub ranging: Option<RangingHealth>,
     /// One entry a configured sensor.
     pub sensors: BTreeMap<String, SensorHealth>,
     /// One entry a vehicle that was heard or announced.

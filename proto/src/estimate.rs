@@ -7,6 +7,9 @@ use crate::limits::{
 };
 use serde::{Deserialize, Serialize};
 
+/// The greatest code of [`Estimate::permit`].
+const PERMIT_MAX: u8 = 2;
+
 /// Body of a reply on `state/estimate` to a query that asks for `encoding=postcard`. The envelope's time is when the
 /// vehicle was where the estimate says.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -23,6 +26,10 @@ pub struct Estimate {
     pub neighbours: Vec<NeighbourEstimate>,
     /// Where they are by anonymous bearings. Since version 1.2.
     pub mutual: Vec<MutualEstimate>,
+    /// Where they are by distances alone. Since version 1.2.
+    pub ranging: Vec<RangingEstimate>,
+    /// Whether the motion schedule lets the vehicle move: 0 it takes no part, 1 stay, 2 move. Since version 1.2.
+    pub permit: u8,
 }
 
 /// Velocity over the last odometry increment.
@@ -85,11 +92,35 @@ pub enum MutualCovariance {
     PositionVelocityYaw([f64; 14], [f64; 14]),
 }
 
+/// One neighbour as range-only localisation sees it, in this vehicle's level frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RangingEstimate {
+    /// Hash of its name.
+    #[serde(with = "crate::le")]
+    pub vehicle: u64,
+    /// At how many places it may be: 0 unknown, or with a place imprecise; 1 converged, more ambiguous.
+    pub modes: u8,
+    /// When it was there, in microseconds after the envelope's time (negative: before).
+    #[serde(with = "crate::le")]
+    pub taken_offset_us: i32,
+    /// Position (m), yaw (rad).
+    pub reduced: Option<[f64; 4]>,
+    /// Upper triangle of the covariance of that, row by row.
+    pub covariance: Option<RangingCovariance>,
+}
+
+/// Covariance of a reduced relative pose without velocity, named by its tangent. The tag leaves room for others.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum RangingCovariance {
+    /// Position (m), yaw (rad) in the level frame: upper triangle of the 4 x 4 matrix, row by row.
+    PositionYaw([f64; 10]),
+}
+
 impl Body for Estimate {
     const BYTES_MAX: usize = ESTIMATE_BYTES_MAX;
     fn appended_since(minor: u8) -> usize {
-        // What anonymous bearings say.
-        usize::from(minor < 2)
+        // What anonymous bearings say, what distances say, and the permit.
+        if minor < 2 { 3 } else { 0 }
     }
     fn check(&self) -> Result<(), DecodeError> {
         if let Some(pose) = &self.world_from_body {
@@ -115,7 +146,26 @@ impl Body for Estimate {
                 .try_for_each(Covariance::check)?;
         }
         check::at_most("mutual", &self.mutual, NEIGHBOURS_MAX)?;
-        self.mutual.iter().try_for_each(MutualEstimate::check)
+        self.mutual.iter().try_for_each(MutualEstimate::check)?;
+        check::at_most("ranging", &self.ranging, NEIGHBOURS_MAX)?;
+        self.ranging.iter().try_for_each(RangingEstimate::check)?;
+        if self.permit > PERMIT_MAX {
+            return Err(DecodeError::OutOfRange { field: "permit" });
+        }
+        Ok(())
+    }
+}
+
+impl RangingEstimate {
+    fn check(&self) -> Result<(), DecodeError> {
+        if let Some([x, y, z, yaw_rad]) = self.reduced {
+            check::position("ranging position", &[x, y, z])?;
+            check::within("ranging yaw", &[yaw_rad], ROTATION_VECTOR_MAX_RAD)?;
+        }
+        if let Some(RangingCovariance::PositionYaw(numbers)) = &self.covariance {
+            check::finite("ranging covariance", numbers)?;
+        }
+        Ok(())
     }
 }
 

@@ -8,7 +8,8 @@ use skein_proto::backlog::{Backlog, BacklogRound};
 use skein_proto::codec::{Body, DecodeError, decode, encode};
 use skein_proto::envelope::{ENVELOPE_BYTES, Envelope};
 use skein_proto::estimate::{
-    Covariance, Estimate, MutualCovariance, MutualEstimate, NeighbourEstimate, Velocity,
+    Covariance, Estimate, MutualCovariance, MutualEstimate, NeighbourEstimate, RangingCovariance,
+    RangingEstimate, Velocity,
 };
 use skein_proto::exchange::{Echo, Exchange};
 use skein_proto::features::{Feature, FeatureSet, Integrals, Track, TrackNumber};
@@ -276,6 +277,8 @@ fn estimate() -> Estimate {
             covariance,
         }],
         mutual: vec![],
+        ranging: vec![],
+        permit: 0,
     }
 }
 
@@ -297,8 +300,19 @@ fn estimate_by_bearings() -> Estimate {
         reduced: None,
         covariance: None,
     };
+    let ranged = RangingEstimate {
+        vehicle: Name::parse("v2").unwrap().hash(),
+        modes: 1,
+        taken_offset_us: -20_000,
+        reduced: Some([1.0, 2.0, 3.0, -3.0]),
+        covariance: Some(RangingCovariance::PositionYaw(std::array::from_fn(|n| {
+            n as f64 * 0.25
+        }))),
+    };
     Estimate {
         mutual: vec![neighbour, unknown],
+        ranging: vec![ranged],
+        permit: 2,
         ..estimate()
     }
 }
@@ -539,7 +553,7 @@ fn a_packet_of_the_version_before_differs_by_what_was_appended_only() {
         ("round record", 0),
         ("round record with absolute information", 0),
         ("backlog", 0),
-        ("estimate", 1),
+        ("estimate", 3),
     ];
     let versions = [
         (GOLDEN_1_0, 1, GOLDEN_1_1, &since_1_0),
