@@ -346,6 +346,7 @@ mod tests {
             covariance: None,
             neighbours: vec![],
             features: vec![],
+            motion: None,
             why: why.map(str::to_owned),
         }
     }
@@ -374,6 +375,7 @@ mod tests {
             why: None,
             rounds: RoundsHealth::default(),
             mutual: None,
+            ranging: None,
             sensors: BTreeMap::from([("odometry".to_owned(), sensor)]),
             neighbours: BTreeMap::from([("v2".to_owned(), neighbour)]),
             refused: BTreeMap::new(),

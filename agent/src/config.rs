@@ -6,6 +6,7 @@ mod mistake;
 mod mutual;
 mod network;
 mod pose;
+mod ranging;
 mod sensor;
 
 pub use mistake::{ConfigError, Mistake};
@@ -18,6 +19,7 @@ use cooperative::RawCooperative;
 use mutual::RawMutual;
 use network::RawNetwork;
 use pose::{RawPose, check_pose, optional_pose};
+use ranging::RawRanging;
 use sensor::{RawSensor, check_sensors};
 use serde::Deserialize;
 use skein_estimation::time::{Span, Stamp};
@@ -81,6 +83,8 @@ struct RawConfig {
     cooperative: RawCooperative,
     #[serde(default)]
     mutual: RawMutual,
+    #[serde(default)]
+    ranging: RawRanging,
     #[serde(default)]
     estimate: RawEstimate,
     network: Option<Spanned<RawNetwork>>,
@@ -187,6 +191,7 @@ impl RawConfig {
                 mode: cooperative.mode,
                 optimiser: cooperative.optimiser,
                 mutual: self.mutual.check()?,
+                ranging: self.ranging.check()?,
                 sensors,
                 body_from_target,
                 presence_timeout: cooperative.presence_timeout,

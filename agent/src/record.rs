@@ -11,14 +11,15 @@ use serde::{Deserialize, Serialize};
 use skein_estimation::cooperative::{
     AnchorWeight, Descent, GaussNewton, Kernel, Mode, Optimiser, Robust, Weighting,
 };
+use skein_estimation::ranging::Dimension;
 use skein_estimation::time::{Span, Stamp};
 use skein_estimation::transform::Transform;
 use skein_proto::document::QueueHealth;
 use skein_proto::keys::boot_text;
 use skein_proto::name::Name;
 use skein_vehicle::{
-    Checkpoint, Config, Input, MutualConfig, MutualWay, Output, PacketKey, SensorConfig, Start,
-    ToldPose,
+    Checkpoint, Config, Input, MutualConfig, MutualWay, Output, PacketKey, RangingConfig,
+    SensorConfig, Start, ToldPose,
 };
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -135,6 +136,7 @@ pub(crate) struct Header {
     mode: ModeRecord,
     optimiser: OptimiserRecord,
     mutual: MutualRecord,
+    ranging: RangingRecord,
     sensors: Vec<(Name, String, Pose)>,
     body_from_target: Pose,
     presence_timeout_ns: i64,
@@ -175,6 +177,12 @@ enum ModeRecord {
 struct MutualRecord {
     published: bool,
     bearings_to_cooperative: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+struct RangingRecord {
+    spatial: bool,
+    schedule: bool,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -218,6 +226,10 @@ impl Header {
                 published: config.mutual.way == MutualWay::Published,
                 bearings_to_cooperative: config.mutual.bearings_to_cooperative,
             },
+            ranging: RangingRecord {
+                spatial: config.ranging.dimension == Dimension::Spatial,
+                schedule: config.ranging.schedule,
+            },
             sensors: config
                 .sensors
                 .iter()
@@ -260,6 +272,14 @@ impl Header {
                     MutualWay::Persistent
                 },
                 bearings_to_cooperative: self.mutual.bearings_to_cooperative,
+            },
+            ranging: RangingConfig {
+                dimension: if self.ranging.spatial {
+                    Dimension::Spatial
+                } else {
+                    Dimension::Planar
+                },
+                schedule: self.ranging.schedule,
             },
             sensors: self
                 .sensors

@@ -7,7 +7,9 @@ use super::sigma;
 use crate::clock::Clock;
 use crate::queries::About;
 use skein_estimation::time::Stamp;
-use skein_proto::document::{CovarianceDocument, EstimateDocument, MutualDocument, PoseDocument};
+use skein_proto::document::{
+    CovarianceDocument, EstimateDocument, MutualDocument, Permit, PoseDocument, RangingDocument,
+};
 use skein_proto::name::Name;
 
 /// An age beyond this is another clock (a recording, a simulation), not an age.
@@ -102,6 +104,19 @@ fn table(estimates: &[EstimateDocument], now: Stamp) -> String {
             if let Some(mutual) = &neighbour.mutual {
                 let _ = writeln!(page, "{}", bearings_line(now, mutual));
             }
+            if let Some(ranging) = &neighbour.ranging {
+                let _ = writeln!(page, "{}", distances_line(now, ranging));
+                if let Some(why) = &ranging.why {
+                    let _ = writeln!(page, "      {}", plain(why));
+                }
+            }
+        }
+        if let Some(motion) = &estimate.motion {
+            let permit = match motion.permit {
+                Permit::Move => "it may move",
+                Permit::Stay => "it must stand still",
+            };
+            let _ = writeln!(page, "  turn {}: {permit}", motion.round);
         }
         if let Some(why) = &estimate.why {
             let _ = writeln!(page, "  {}", plain(why));
@@ -143,16 +158,53 @@ fn row(
 
 /// Where a neighbour is by anonymous bearings.
 fn bearings_line(now: Stamp, mutual: &MutualDocument) -> String {
-    let (words, age) = (mutual.words(), age(now, mutual.taken_ns));
-    let Some((pose, reduced)) = mutual.pose.as_ref().zip(mutual.reduced.as_ref()) else {
-        return format!("    by bearings        {words:<14} {age:>8}");
+    let sigmas = mutual.reduced.as_ref().map(|reduced| {
+        let yaw_deg = reduced.yaw_sigma_rad().map(f64::to_degrees);
+        (reduced.position_sigma_m(), yaw_deg)
+    });
+    let age = age(now, mutual.taken_ns);
+    located_line(
+        "by bearings",
+        &mutual.words(),
+        &age,
+        mutual.pose.as_ref(),
+        sigmas,
+    )
+}
+
+/// Where a neighbour is by distances alone.
+fn distances_line(now: Stamp, ranging: &RangingDocument) -> String {
+    let sigmas = ranging.reduced.as_ref().map(|reduced| {
+        let yaw_deg = reduced.yaw_sigma_rad().map(f64::to_degrees);
+        (reduced.position_sigma_m(), yaw_deg)
+    });
+    let age = age(now, ranging.taken_ns);
+    located_line(
+        "by distances",
+        &ranging.words(),
+        &age,
+        ranging.pose.as_ref(),
+        sigmas,
+    )
+}
+
+/// One way of knowing where a neighbour is, with the standard deviations of position (m) and yaw (degrees).
+fn located_line(
+    way: &str,
+    words: &str,
+    age: &str,
+    pose: Option<&PoseDocument>,
+    sigmas: Option<(Option<f64>, Option<f64>)>,
+) -> String {
+    let Some((pose, (position_m, yaw_deg))) = pose.zip(sigmas) else {
+        return format!("    {way:<16} {words:<14} {age:>8}");
     };
     let [x, y, z] = pose.position_m;
     let [yaw, pitch, roll] = pose.yaw_pitch_roll_deg;
-    let sigma_m = sigma::plus_minus(reduced.position_sigma_m(), 3);
-    let sigma_deg = sigma::plus_minus(reduced.yaw_sigma_rad().map(f64::to_degrees), 2);
+    let sigma_m = sigma::plus_minus(position_m, 3);
+    let sigma_deg = sigma::plus_minus(yaw_deg, 2);
     format!(
-        "    by bearings      {words:<14} {age:>8} {x:>10.3} {y:>10.3} {z:>10.3} {sigma_m:>9} {yaw:>8.2} {pitch:>8.2} \
+        "    {way:<16} {words:<14} {age:>8} {x:>10.3} {y:>10.3} {z:>10.3} {sigma_m:>9} {yaw:>8.2} {pitch:>8.2} \
          {roll:>8.2} {sigma_deg:>8}"
     )
 }
@@ -200,8 +252,10 @@ mod tests {
                 pose: None,
                 covariance: None,
                 mutual: None,
+                ranging: None,
             }],
             features: vec![],
+            motion: None,
             why: Some("nobody measures".to_owned()),
         }
     }

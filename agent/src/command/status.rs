@@ -6,7 +6,7 @@ use super::output::{plain, print, print_json};
 use super::sigma::plus_minus;
 use crate::queries::About;
 use skein_proto::document::{
-    HealthDocument, MutualHealth, NeighbourHealth, TeamHealth, TeamMemberHealth,
+    HealthDocument, MutualHealth, NeighbourHealth, RangingHealth, TeamHealth, TeamMemberHealth,
 };
 use skein_proto::name::Name;
 use skein_proto::status::Status;
@@ -88,6 +88,9 @@ fn page(health: &HealthDocument) -> String {
     }
     if let Some(mutual) = &health.mutual {
         page.push_str(&mutual_lines(mutual));
+    }
+    if let Some(ranging) = &health.ranging {
+        page.push_str(&ranging_lines(ranging));
     }
     for (name, sensor) in &health.sensors {
         let age = sensor
@@ -199,6 +202,30 @@ fn mutual_lines(mutual: &MutualHealth) -> String {
         let _ = writeln!(lines, "    nobody located: {}", plain(why));
     }
     counters(&mut lines, "    cut", &mutual.cut);
+    lines
+}
+
+/// Localisation by distances alone, and turns to move.
+fn ranging_lines(ranging: &RangingHealth) -> String {
+    let mut lines = format!(
+        "  distances while somebody has no pose: {} used, {} waiting, placed by them {} times\n",
+        ranging.used, ranging.waiting, ranging.placed
+    );
+    counters(&mut lines, "    refused", &ranging.refused);
+    if let Some(schedule) = &ranging.schedule {
+        let _ = writeln!(
+            lines,
+            "  turns: round {}, moved in {}, with {}",
+            schedule.round,
+            schedule.moves,
+            if schedule.neighbours.is_empty() {
+                "nobody".to_owned()
+            } else {
+                schedule.neighbours.join(", ")
+            }
+        );
+        counters(&mut lines, "    refused", &schedule.refused);
+    }
     lines
 }
 
@@ -323,6 +350,7 @@ mod tests {
             why: Some("nobody is located: give one vehicle a pose".to_owned()),
             rounds,
             mutual: None,
+            ranging: None,
             sensors: BTreeMap::new(),
             neighbours: BTreeMap::from([("v2".to_owned(), neighbour)]),
             refused: BTreeMap::new(),

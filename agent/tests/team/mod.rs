@@ -13,7 +13,7 @@ use skein_proto::document::NeighbourHealth;
 use skein_proto::frame::{Frame, OdometryFrame, RelativeFrame, RelativeValue};
 use skein_proto::name::Name;
 use skein_proto::status::Status;
-use skein_vehicle::{Config, MutualConfig, SensorConfig, Start, ToldPose};
+use skein_vehicle::{Config, MutualConfig, RangingConfig, SensorConfig, Start, ToldPose};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -70,6 +70,7 @@ pub(crate) fn settings_of(fleet: &str, vehicle: &str, network: NetworkSettings) 
             mode: Mode::default(),
             optimiser: Optimiser::default(),
             mutual: MutualConfig::DEFAULT,
+            ranging: RangingConfig::DEFAULT,
             sensors: SENSORS.map(sensor).to_vec(),
             body_from_target: Transform::identity(),
             presence_timeout: Span::secs(2),

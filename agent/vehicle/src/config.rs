@@ -1,6 +1,7 @@
 //! What a vehicle is told before it starts. Checked values only: texts and files are parsed elsewhere.
 
 use skein_estimation::cooperative::{Mode, Optimiser};
+use skein_estimation::ranging::Dimension;
 use skein_estimation::time::Span;
 use skein_estimation::{Body, Sensor, Transform};
 use skein_proto::name::Name;
@@ -27,6 +28,8 @@ pub struct Config {
     pub optimiser: Optimiser,
     /// How neighbours are located by anonymous bearings.
     pub mutual: MutualConfig,
+    /// How neighbours are located by distances alone.
+    pub ranging: RangingConfig,
     /// The sensors whose frames are taken.
     pub sensors: Vec<SensorConfig>,
     /// Where others' sensors see this vehicle: its tag, its antenna.
@@ -55,6 +58,23 @@ impl MutualConfig {
     pub const DEFAULT: Self = Self {
         way: MutualWay::Persistent,
         bearings_to_cooperative: true,
+    };
+}
+
+/// How neighbours are located by distances alone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RangingConfig {
+    /// Whether all vehicles stay in one plane.
+    pub dimension: Dimension,
+    /// Whether the vehicle takes part in the motion schedule.
+    pub schedule: bool,
+}
+
+impl RangingConfig {
+    /// What a vehicle does that is told nothing of it.
+    pub const DEFAULT: Self = Self {
+        dimension: Dimension::Planar,
+        schedule: false,
     };
 }
 

@@ -3,11 +3,11 @@
 
 use std::collections::BTreeSet;
 
-use skein_estimation::cooperative::{Contact, Kernel};
+use skein_estimation::cooperative::{Contact, Kernel, Measurement};
 use skein_estimation::odometry::Gap;
 use skein_estimation::time::{Span, Stamp};
 use skein_estimation::{Body, Sensor, Transform, World};
-use skein_proto::measured::Measured;
+use skein_proto::measured::{Measured, MeasuredValue};
 use skein_proto::name::Name;
 
 use crate::clock::PeerStamp;
@@ -95,6 +95,22 @@ pub(crate) struct Tie {
 enum NoEnd {
     Wait,
     Never(Refused),
+}
+
+impl Gathered<'_> {
+    /// How many distances between this vehicle and a neighbour there are in the round.
+    pub(crate) fn distances_of(&self, name: Name) -> u64 {
+        let spokes = self.spokes.iter().filter(|spoke| spoke.name == name);
+        let ties = spokes.flat_map(|spoke| &spoke.ties);
+        ties.filter(|tie| matches!(tie.sighting.measurement, Measurement::Distance(_)))
+            .count() as u64
+    }
+}
+
+/// How many of these measurements want a pose of both ends: not distances, which `ranging` reads.
+fn want_poses(measured: &[Measured]) -> usize {
+    let is_distance = |one: &&Measured| matches!(one.value, MeasuredValue::Distance { .. });
+    measured.iter().filter(|one| !is_distance(one)).count()
 }
 
 impl<'r> Material<'_, 'r> {
@@ -188,11 +204,19 @@ impl<'r> Material<'_, 'r> {
             return Ok(None);
         };
         let Some(exchange) = boot.exchanges.get(&self.round.index) else {
-            refuse(Refused::NoPrior, mine.len());
+            let lost = if neighbour.is_located() {
+                mine.len()
+            } else {
+                want_poses(mine)
+            };
+            refuse(Refused::NoPrior, lost);
             return Ok(None);
         };
         let Some(prior) = exchange.prior else {
-            refuse(Refused::NoPrior, mine.len() + exchange.measured.len());
+            refuse(
+                Refused::NoPrior,
+                want_poses(mine) + want_poses(&exchange.measured),
+            );
             return Ok(None);
         };
         let mine = mine.iter().map(|measured| (Direction::Mine, measured));

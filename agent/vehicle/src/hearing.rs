@@ -8,7 +8,7 @@ use skein_proto::envelope::Envelope;
 use skein_proto::exchange::{Echo, Exchange};
 use skein_proto::features;
 use skein_proto::name::Name;
-use skein_proto::record::RoundRecord;
+use skein_proto::record::{RoundRecord, Schedule};
 use skein_proto::relay::Relay;
 use skein_proto::status::Status;
 
@@ -54,6 +54,8 @@ pub(crate) enum Heard {
     Exchange { from: Name, round: i64 },
     /// A feature set, at its time on our clock.
     Features { from: Name, set: Box<FeatureSet> },
+    /// Its state in the motion schedule.
+    Turn { from: Name, said: Schedule },
 }
 
 impl Listener<'_> {
@@ -80,9 +82,11 @@ impl Listener<'_> {
             PacketKey::Exchange { .. } => self
                 .hear_exchange(now, from, neighbour, bytes)
                 .map(|round| (Kind::Exchange.word(), Some(Heard::Exchange { from, round }))),
-            PacketKey::Odometry { .. } => self
-                .hear_record(now, from, neighbour, bytes)
-                .map(|()| (Kind::Odometry.word(), None)),
+            PacketKey::Odometry { .. } => {
+                let said = self.hear_record(now, from, neighbour, bytes);
+                let turn = |said| Heard::Turn { from, said };
+                said.map(|said| (Kind::Odometry.word(), said.map(turn)))
+            }
             PacketKey::Features { .. } => {
                 let set = self.hear_features(now, from, neighbour, bytes);
                 set.map(|set| (Kind::Features.word(), Some(Heard::Features { from, set })))
@@ -212,7 +216,7 @@ impl Listener<'_> {
         from: Name,
         neighbour: &mut Neighbour,
         bytes: &[u8],
-    ) -> Result<(), Refused> {
+    ) -> Result<Option<Schedule>, Refused> {
         let (envelope, record) = open::<RoundRecord>(from, bytes)?;
         let me = self.me.hash();
         let echo = record.echoes.iter().find(|echo| echo.to == me);
@@ -265,7 +269,7 @@ impl Listener<'_> {
                 boot.rounds.tell(HeardAnchor::new(anchor)?);
             }
         }
-        Ok(())
+        Ok(record.schedule)
     }
 
     fn hear_features(

@@ -10,7 +10,7 @@
 //!    `skein_estimation::cooperative`, or in mode `team` `smoothing` what everybody told of itself; the solution becomes
 //!    the new correction of the odometry.
 //!    Camera frames and inertial readings take another way: `mutual` levels them, tells everybody and locates who is in
-//!    sight.
+//!    sight. Distances to whoever is not in the common frame go to `ranging`.
 //! 5. `reporting` writes the estimate and the health; [`Vehicle::poll`] hands everything out ([`output`]).
 //!
 //! The drain rule: after every `handle`, call `poll` until it returns [`Output::WakeAt`]; call `handle` again with the
@@ -55,10 +55,12 @@ mod local_star;
 mod mutual;
 mod neighbours;
 mod placing;
+mod ranging;
 mod refused;
 mod relaying;
 mod reporting;
 mod rounds;
+mod scheduling;
 mod sensors;
 mod sequence;
 mod smoothing;
@@ -68,7 +70,7 @@ mod translate;
 mod trust;
 
 pub use checkpoint::{Checkpoint, CheckpointError};
-pub use config::{Config, MutualConfig, MutualWay, SensorConfig, Start};
+pub use config::{Config, MutualConfig, MutualWay, RangingConfig, SensorConfig, Start};
 pub use input::{Input, PacketKey};
 pub use output::Output;
 pub use told_pose::ToldPose;

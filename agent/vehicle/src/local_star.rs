@@ -72,11 +72,12 @@ impl Built {
         }
     }
 
-    /// Every measurement that went in was for nothing, for one reason.
-    pub(crate) fn in_vain(mut self, why: &Refused) -> Self {
+    /// Every measurement that went in was for nothing, for one reason. Not so distances: `ranging` reads them.
+    pub(crate) fn in_vain(mut self, gathered: &Gathered<'_>, why: &Refused) -> Self {
         for used in self.used.drain(..) {
+            let in_vain = used.edges.saturating_sub(gathered.distances_of(used.name));
             self.refused
-                .extend((0..used.edges).map(|_| (used.name, why.clone())));
+                .extend((0..in_vain).map(|_| (used.name, why.clone())));
         }
         self.fixes.clear();
         self

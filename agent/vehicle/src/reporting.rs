@@ -4,7 +4,7 @@ use skein_estimation::time::{Span, Stamp};
 use skein_estimation::{Body, Transform, World};
 use skein_proto::document::{
     CovarianceDocument, EstimateDocument, HealthDocument, InfoDocument, NeighbourDocument,
-    RoundsHealth, VelocityDocument,
+    RangingHealth, RoundsHealth, VelocityDocument,
 };
 use skein_proto::estimate::{Covariance, Estimate, NeighbourEstimate};
 use skein_proto::keys::boot_text;
@@ -18,6 +18,7 @@ use crate::config::Start;
 use crate::counters::Counters;
 use crate::dead_reckoning::BRIDGE_MAX;
 use crate::output::Output;
+use crate::scheduling::Scheduling;
 use crate::smoothing::Smoothing;
 use crate::translate;
 use crate::vehicle::Vehicle;
@@ -235,10 +236,14 @@ impl Vehicle {
             .and_then(|newest| self.smoothing.as_ref()?.covariance_at(&newest))
             .and_then(|covariance| translate::covariance(&covariance));
         let mut by_bearings = self.mutual.neighbours(taken);
+        let mut by_distances = self.ranging.neighbours(taken);
+        let motion = self.scheduling.as_ref().map(Scheduling::to_document);
         let mut neighbours = self.neighbour_estimates(now, taken, pose.as_ref());
         for (document, _) in &mut neighbours {
             let located = by_bearings.get(&document.vehicle);
             document.mutual = located.map(|(document, _)| document.clone());
+            let located = by_distances.get(&document.vehicle);
+            document.ranging = located.map(|(document, _)| document.clone());
         }
         let present = |name: &Name| {
             neighbours
@@ -246,6 +251,7 @@ impl Vehicle {
                 .any(|(document, _)| document.vehicle == *name)
         };
         by_bearings.retain(|name, _| present(name));
+        by_distances.retain(|name, _| present(name));
         let document = EstimateDocument {
             vehicle: self.config.vehicle,
             boot: boot_text(self.config.boot),
@@ -262,6 +268,7 @@ impl Vehicle {
                 .map(|(document, _)| document.clone())
                 .collect(),
             features: self.mutual.features(),
+            motion,
             why,
         };
         let estimate = Estimate {
@@ -277,6 +284,11 @@ impl Vehicle {
                 .into_values()
                 .map(|(_, estimate)| estimate)
                 .collect(),
+            ranging: by_distances
+                .into_values()
+                .map(|(_, estimate)| estimate)
+                .collect(),
+            permit: motion.map_or(0, |motion| motion.permit.code()),
         };
         if let Some(packet) = self.speech.estimate(taken, &estimate) {
             self.outputs.push_back(Output::Estimate {
@@ -320,6 +332,7 @@ impl Vehicle {
                     .map(|relative| translate::pose_document(&relative.body_from_neighbour)),
                 covariance: covariance.map(covariance_document),
                 mutual: None,
+                ranging: None,
             };
             let offset_us =
                 relative.map_or(0, |relative| (relative.taken - taken).as_micros_rounded());
@@ -361,6 +374,7 @@ impl Vehicle {
                 team: self.smoothing.as_ref().map(Smoothing::to_document),
             },
             mutual: self.mutual.is_in_use().then(|| self.mutual.to_document()),
+            ranging: self.ranging_health(),
             sensors: self.sensors.to_document(now),
             neighbours: self
                 .neighbours
@@ -389,6 +403,15 @@ impl Vehicle {
             process: None,
         };
         self.outputs.push_back(Output::Health(Box::new(document)));
+    }
+
+    fn ranging_health(&self) -> Option<RangingHealth> {
+        let schedule = self.scheduling.as_ref();
+        let schedule = schedule.map(|scheduling| scheduling.to_health(&self.neighbours));
+        (self.ranging.is_in_use() || schedule.is_some()).then(|| RangingHealth {
+            schedule,
+            ..self.ranging.to_document()
+        })
     }
 
     /// Who this vehicle is and what it can do.

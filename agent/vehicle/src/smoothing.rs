@@ -21,6 +21,7 @@ use crate::heard_rounds::{HeardAnchor, HeardRound};
 use crate::neighbours::{Boot, Neighbours};
 use crate::refused::Refused;
 use crate::rounds::Round;
+use crate::told_pose::ToldPose;
 use crate::translate::{self, Sighting};
 
 /// Rounds that are looked through for what is of use: as long as the window keeps its poses while nobody is heard.
@@ -42,6 +43,8 @@ pub(crate) struct Smoothing {
     own_rounds: VecDeque<HeardRound>,
     own_done: Done,
     lives: BTreeMap<Name, Life>,
+    /// Where distances located somebody, this vehicle among them: where to begin with whoever was told nothing.
+    found: BTreeMap<VehicleId, (Moment, ToldPose)>,
     undetermined: u32,
     last: Report,
     restarts: u64,
@@ -111,6 +114,7 @@ impl Smoothing {
             own_rounds: VecDeque::new(),
             own_done: Done::new(),
             lives: BTreeMap::new(),
+            found: BTreeMap::new(),
             undetermined: 0,
             last: Report::default(),
             restarts: 0,
@@ -128,6 +132,17 @@ impl Smoothing {
         self.own_done.clear();
         self.lives.clear();
         self.undetermined = 0;
+    }
+
+    /// The own pose is another now: what was found by the one before holds no more, either.
+    pub(crate) fn begin_anew(&mut self) {
+        self.begin_again();
+        self.found.clear();
+    }
+
+    /// Distances say where somebody was at a moment.
+    pub(crate) fn find(&mut self, moment: Moment, pose: ToldPose) {
+        self.found.insert(moment.vehicle, (moment, pose));
     }
 
     /// How certain the own pose is at a point of odometry not before the last solved round: of a twist on the body's side.
@@ -260,6 +275,7 @@ impl Smoothing {
                 continue;
             }
             self.team.forget(VehicleId(name.hash()));
+            self.found.remove(&VehicleId(name.hash()));
             self.lives.insert(
                 name,
                 Life {
@@ -299,7 +315,7 @@ impl Smoothing {
                 )
                 .is_ok()
         });
-        if !started {
+        if !started && !self.start_where_found(&now) {
             let _ = self.team.place(&now, &told.prior);
         }
     }
@@ -363,13 +379,26 @@ impl Smoothing {
                 let moment = teller.moment(*instant, round);
                 match self.team.heard(&moment) {
                     Err(Unused::Interrupted) => self.team.forget(teller.id),
-                    Err(Unused::Unlocated) if self.start(teller, &moment) => {
+                    Err(Unused::Unlocated)
+                        if self.start(teller, &moment) || self.start_where_found(&moment) =>
+                    {
                         let _ = self.team.heard(&moment);
                     }
                     _ => {}
                 }
             }
         }
+    }
+
+    /// Ties a vehicle to the world by where distances located it.
+    fn start_where_found(&mut self, now: &Moment) -> bool {
+        let Some((at, pose)) = self.found.get(&now.vehicle) else {
+            return false;
+        };
+        let sigmas = (pose.rotation_sigma_rad, pose.translation_sigma_m);
+        self.team
+            .start(at, now, &pose.world_from_body, sigmas.0, sigmas.1)
+            .is_ok()
     }
 
     /// Ties a neighbour to the world by its anchor, if it told one that is still worth something.

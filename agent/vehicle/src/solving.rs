@@ -79,6 +79,7 @@ impl Vehicle {
                 self.rounds.open.push_front(round);
                 return;
             }
+            self.read_distances(now, &round);
             self.rounds.close(round.index);
             self.neighbours.forget_exchanges(round.index);
         }
@@ -161,12 +162,19 @@ impl Vehicle {
             &gathered,
             &starts,
         );
-        let built = match found.pose {
-            Some(world_from_body) => {
+        let by_distances = self.found_by_distances(round, odometry);
+        let built = match (found.pose, by_distances) {
+            (Some(world_from_body), _) => {
                 self.place(round, odometry, world_from_body);
                 found.built
             }
-            None => found.built.in_vain(&Refused::Unplaced),
+            (None, Some(told)) => {
+                if self.place(round, odometry, told.world_from_body) {
+                    self.join(odometry, told);
+                }
+                found.built
+            }
+            (None, None) => found.built.in_vain(&gathered, &Refused::Unplaced),
         };
         self.count_refusals(now, &built);
         true
@@ -181,6 +189,7 @@ impl Vehicle {
         prior: Transform<World, Body>,
         deadline_passed: bool,
     ) -> bool {
+        self.find_neighbours(round, &odometry, &prior);
         let Some(smoothing) = &mut self.smoothing else {
             return true;
         };
@@ -281,26 +290,28 @@ impl Vehicle {
         self.moved = true;
     }
 
-    /// A round says where this vehicle is, which has no pose to build on. A second one that agrees makes it the pose.
+    /// A round says where this vehicle is, which has no pose to build on. A second one that agrees makes it the pose, and
+    /// that it did is returned.
     fn place(
         &mut self,
         round: &Round,
         odometry: &OdometryPoint,
         world_from_body: Transform<World, Body>,
-    ) {
+    ) -> bool {
         let is_present = self
             .reckoning
             .newest()
             .is_some_and(|newest| newest.segment == odometry.segment);
-        if is_present
+        let is_placed = is_present
             && self
                 .placing
-                .propose(round.instant, odometry, &world_from_body)
-        {
+                .propose(round.instant, odometry, &world_from_body);
+        if is_placed {
             self.reckoning.correct(odometry, world_from_body);
             self.counts.corrected_at = Some(round.instant);
             self.begin_anew(Mark::of(odometry));
         }
+        is_placed
     }
 
     fn count_refusals(&mut self, now: Stamp, built: &Built) {

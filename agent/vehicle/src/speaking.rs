@@ -17,7 +17,7 @@ use skein_proto::limits::{
     ROUNDS_PER_RECORD_MAX,
 };
 use skein_proto::name::Name;
-use skein_proto::record::{self, Addressed, PeerEcho, RoundFix, RoundRecord};
+use skein_proto::record::{self, Addressed, PeerEcho, RoundFix, RoundRecord, Schedule};
 use skein_proto::relay::{Relay, RelayedRound};
 use skein_proto::status::Status;
 
@@ -191,6 +191,7 @@ impl Speech {
         now: Stamp,
         round: &Round,
         status: Status,
+        schedule: Option<Schedule>,
         neighbours: &Neighbours,
         anchor: Option<&Anchor>,
     ) -> Option<(PacketKey, Vec<u8>)> {
@@ -201,7 +202,7 @@ impl Speech {
             period_us: u32::try_from(self.period.as_micros_rounded()).unwrap_or(u32::MAX),
             status: status.code(),
             body_from_target: self.body_from_target,
-            schedule: None,
+            schedule,
             echoes: self.echoes(now, neighbours),
             rounds: Vec::new(),
             anchor: anchor.copied().map(Anchor::to_wire),
@@ -527,7 +528,14 @@ mod tests {
     fn say(speech: &mut Speech, round: &Round, anchor: Option<&Anchor>) -> RoundRecord {
         let neighbours = Neighbours::default();
         let (_, bytes) = speech
-            .record(round.instant, round, Status::Tracking, &neighbours, anchor)
+            .record(
+                round.instant,
+                round,
+                Status::Tracking,
+                None,
+                &neighbours,
+                anchor,
+            )
             .unwrap();
         codec::decode(&bytes).unwrap().1
     }

@@ -2,13 +2,14 @@
 
 use std::collections::VecDeque;
 
-use skein_estimation::Transform;
 use skein_estimation::cooperative::{Mode, Star, StarWorkspace};
 use skein_estimation::mutual::Done;
 use skein_estimation::odometry::Growth;
 use skein_estimation::time::{Span, Stamp};
+use skein_estimation::{Transform, VehicleId};
 use skein_proto::frame::{Frame, RelativeValue};
 use skein_proto::name::Name;
+use skein_proto::record::Schedule;
 
 use crate::checkpoint::Checkpoint;
 use crate::config::{Config, Start};
@@ -20,10 +21,12 @@ use crate::mutual::{self, IdentifiedBearing, Mutual, Scanned};
 use crate::neighbours::Neighbours;
 use crate::output::Output;
 use crate::placing::Placing;
+use crate::ranging::Ranging;
 use crate::refused::Refused;
 use crate::relaying::Relaying;
 use crate::reporting::RoundCounts;
 use crate::rounds::{Loss, Round, Rounds};
+use crate::scheduling::Scheduling;
 use crate::sensors::{Reading, Sensors};
 use crate::smoothing::Smoothing;
 use crate::speaking::{PARTNERS_MAX, Speech};
@@ -60,6 +63,10 @@ pub struct Vehicle {
     pub(crate) smoothing: Option<Smoothing>,
     /// Who is in sight and where.
     pub(crate) mutual: Mutual,
+    /// Where neighbours are by distances alone.
+    pub(crate) ranging: Ranging,
+    /// When it may move, where it takes part in the schedule.
+    pub(crate) scheduling: Option<Scheduling>,
     pub(crate) star: Star,
     pub(crate) workspace: StarWorkspace,
     pub(crate) counts: RoundCounts,
@@ -99,6 +106,9 @@ impl Vehicle {
             smoothing: (config.mode == Mode::Team)
                 .then(|| Smoothing::new(config.vehicle, config.period)),
             mutual: Mutual::new(config.vehicle, config.boot, config.mutual),
+            ranging: Ranging::new(config.ranging.dimension),
+            scheduling: (config.ranging.schedule)
+                .then(|| Scheduling::new(config.vehicle, config.boot, config.period)),
             star: Star::new(Transform::identity())
                 .expect("the identity is a pose")
                 .in_mode(config.mode),
@@ -251,7 +261,12 @@ impl Vehicle {
             Ok(Some(Heard::Exchange { from, round })) => self.answer(now, from, round),
             Ok(Some(Heard::Features { from, set })) => {
                 if let Err(why) = self.mutual.hear(from, &set) {
-                    self.refused.refuse(&why);
+                    self.count_refusal(from, &why);
+                }
+            }
+            Ok(Some(Heard::Turn { from, said })) => {
+                if let Some(scheduling) = &mut self.scheduling {
+                    scheduling.hear(VehicleId(from.hash()), &said);
                 }
             }
             Ok(None) => {}
@@ -391,10 +406,11 @@ impl Vehicle {
                 self.tell(now, &mut round, to, foreseen);
             }
             let (status, _) = self.status(now);
+            let schedule = self.take_turn(now, round.instant);
             let anchor = self.reckoning.anchor();
-            let record = self
-                .speech
-                .record(now, &round, status, &self.neighbours, anchor);
+            let record =
+                self.speech
+                    .record(now, &round, status, schedule, &self.neighbours, anchor);
             self.outputs
                 .extend(record.map(|(key, bytes)| Output::Send { key, bytes }));
             if let Some(relaying) = &mut self.relaying {
@@ -412,6 +428,16 @@ impl Vehicle {
         for loss in losses {
             self.count_loss(now, &loss);
         }
+    }
+
+    /// What this vehicle says of its turn to move. A permit that changes is told at once.
+    fn take_turn(&mut self, now: Stamp, instant: Stamp) -> Option<Schedule> {
+        let (said, changed) = self.scheduling.as_mut()?.speak(instant)?;
+        if changed {
+            self.moved = false;
+            self.report_estimate(now);
+        }
+        Some(said)
     }
 
     /// Sends one neighbour the exchange of a round, its prior by the present correction or a foreseen one.
@@ -441,7 +467,7 @@ impl Vehicle {
         self.fix_trust = Trust::default();
         self.neighbours.forget_trust();
         if let Some(smoothing) = &mut self.smoothing {
-            smoothing.begin_again();
+            smoothing.begin_anew();
         }
     }
 

@@ -367,6 +367,7 @@ mod tests {
                 ..RoundsHealth::default()
             },
             mutual: None,
+            ranging: None,
             sensors: BTreeMap::new(),
             neighbours: BTreeMap::from([("v2".to_owned(), neighbour)]),
             refused: BTreeMap::new(),

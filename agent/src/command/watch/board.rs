@@ -253,9 +253,11 @@ mod tests {
                     pose: None,
                     covariance: None,
                     mutual: None,
+                    ranging: None,
                 })
                 .collect(),
             features: vec![],
+            motion: None,
             why: (status != Status::Tracking).then(|| "nobody\u{1b}[2J measures".to_owned()),
         }
     }

@@ -182,6 +182,8 @@ proptest! {
                 covariance: None,
                 neighbours: Vec::new(),
                 mutual: mutual.neighbours(now).into_values().map(|(_, said)| said).collect(),
+                ranging: Vec::new(),
+                permit: 0,
             };
             prop_assert!(said.check().is_ok(), "{said:?}");
         }
