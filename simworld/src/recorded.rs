@@ -19,7 +19,7 @@ use skein_estimation::time::Span;
 use skein_proto::document::EstimateDocument;
 use skein_proto::frame::{FixFrame, FixValue, Frame, OdometryFrame, RelativeFrame, RelativeValue};
 use skein_proto::name::Name;
-use skein_vehicle::{Config, MutualConfig, SensorConfig, Start, ToldPose};
+use skein_vehicle::{Config, MutualConfig, RangingConfig, SensorConfig, Start, ToldPose};
 
 /// Length of one odometry increment, made from the commands that held in it.
 const ODOMETRY_NS: i64 = 50_000_000;
@@ -390,6 +390,7 @@ impl Stage for Recorded {
             mode: self.mode,
             optimiser: Optimiser::gauss_newton(),
             mutual: MutualConfig::DEFAULT,
+            ranging: RangingConfig::DEFAULT,
             sensors: vec![sensor(ODOMETRY), sensor(CAMERA)],
             body_from_target: Transform::identity(),
             presence_timeout: Span::secs(3),

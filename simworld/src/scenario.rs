@@ -65,6 +65,12 @@ pub struct Scenario {
     /// How their clocks differ.
     #[serde(default)]
     pub clocks: Clocks,
+    /// Whether all stay on one level, and are told so. Only those located by distances alone care.
+    #[serde(default)]
+    pub planar: bool,
+    /// Whether they take turns to move.
+    #[serde(default)]
+    pub schedule: bool,
     /// The noise of everyone's odometry in one round.
     #[serde(default)]
     pub odometry: OdometryNoise,
@@ -94,7 +100,7 @@ fn one() -> u64 {
     1
 }
 
-const BUILT_IN: [(&str, &str); 9] = [
+const BUILT_IN: [(&str, &str); 10] = [
     ("section-v", include_str!("../scenarios/section-v.toml")),
     (
         "section-v-lossy",
@@ -119,6 +125,7 @@ const BUILT_IN: [(&str, &str); 9] = [
     ("hover", include_str!("../scenarios/hover.toml")),
     ("square", include_str!("../scenarios/square.toml")),
     ("eight", include_str!("../scenarios/eight.toml")),
+    ("ranges", include_str!("../scenarios/ranges.toml")),
 ];
 
 impl Scenario {

@@ -3,8 +3,10 @@
 //! The same world feeds a virtual fleet, live agents and the bare solver, so all three fly the same sample.
 
 mod aboard;
+mod turns;
 
 use self::aboard::Aboard;
+use self::turns::Turns;
 use crate::scenario::{Scenario, Start};
 use crate::sensor::{Noise, Odometry, Reading, RelativeSensor, Sight};
 use crate::stage::Stage;
@@ -12,11 +14,13 @@ use crate::streams::{Purpose, Streams};
 use crate::truth::Pose;
 use rand::RngExt;
 use skein_estimation::cooperative::{Mode, Optimiser};
+use skein_estimation::ranging::Dimension;
 use skein_estimation::time::Span;
 use skein_estimation::{Body, Sensor, Transform};
+use skein_proto::document::{EstimateDocument, Permit};
 use skein_proto::frame::{Frame, OdometryFrame, RelativeFrame, RelativeValue};
 use skein_proto::name::Name;
-use skein_vehicle::{Config, MutualConfig, SensorConfig, ToldPose};
+use skein_vehicle::{Config, MutualConfig, RangingConfig, SensorConfig, ToldPose};
 
 /// UNIX time of the start of the motion, on a clock that is not ahead: some day in 2027.
 const EPOCH_NS: i64 = 1_800_000_000_000_000_000;
@@ -47,6 +51,9 @@ struct Simulated {
     sensor: RelativeSensor,
     aboard: Aboard,
     dead_reckoning: Pose,
+    turns: Turns,
+    /// The end of the last round that its drivers were asked for.
+    made_ns: i64,
 }
 
 /// A frame that a vehicle's driver brings at some time.
@@ -79,6 +86,8 @@ impl World {
             sensor: RelativeSensor::new(&scenario.sensor, index, team.len(), streams),
             aboard: Aboard::new(scenario, index, streams),
             dead_reckoning: vehicle.trajectory.pose_at(0.0),
+            turns: Turns::default(),
+            made_ns: 0,
         });
         Self {
             vehicles: vehicles.collect(),
@@ -134,7 +143,7 @@ impl World {
     pub fn pose(&self, vehicle: usize, at_ns: i64) -> Pose {
         self.scenario.team.vehicles()[vehicle]
             .trajectory
-            .pose_at(seconds(at_ns))
+            .pose_at(seconds(self.vehicles[vehicle].turns.path_ns(at_ns)))
     }
 
     /// Where its odometry alone says that it is, at the last round that was made.
@@ -146,12 +155,13 @@ impl World {
     fn odometry(&mut self, vehicle: usize, instant_ns: i64) -> Delivery {
         let since_ns = instant_ns - self.period_ns;
         let trajectory = &self.scenario.team.vehicles()[vehicle].trajectory;
-        let motion = self.vehicles[vehicle].odometry.between(
+        let simulated = &mut self.vehicles[vehicle];
+        let motion = simulated.odometry.between(
             trajectory,
-            seconds(since_ns),
-            seconds(instant_ns),
+            seconds(simulated.turns.path_ns(since_ns)),
+            seconds(simulated.turns.path_ns(instant_ns)),
         );
-        self.vehicles[vehicle].dead_reckoning *= motion;
+        simulated.dead_reckoning *= motion;
         let noise = &self.scenario.odometry;
         let frame = OdometryFrame {
             since_ns: self.stamp_ns(vehicle, since_ns),
@@ -244,10 +254,20 @@ impl Stage for World {
 
     /// What it measured in the round, then its odometry, then what it felt and saw.
     fn round(&mut self, vehicle: usize, instant_ns: i64) -> Vec<Delivery> {
+        self.vehicles[vehicle].made_ns = instant_ns;
         let mut deliveries = self.measure(vehicle, instant_ns);
         deliveries.push(self.odometry(vehicle, instant_ns));
         deliveries.extend(self.felt_and_seen(vehicle, instant_ns));
         deliveries
+    }
+
+    /// A vehicle that takes turns obeys from the next round on that its drivers have not been asked for yet.
+    fn told(&mut self, vehicle: usize, estimate: &EstimateDocument) {
+        if let Some(motion) = &estimate.motion {
+            let simulated = &mut self.vehicles[vehicle];
+            let from_ns = simulated.made_ns.max(0);
+            simulated.turns.told(from_ns, motion.permit == Permit::Move);
+        }
     }
 
     /// What its user would have written.
@@ -284,6 +304,14 @@ impl Stage for World {
             mode: Mode::default(),
             optimiser: Optimiser::gauss_newton(),
             mutual: MutualConfig::DEFAULT,
+            ranging: RangingConfig {
+                dimension: if self.scenario.planar {
+                    Dimension::Planar
+                } else {
+                    Dimension::Spatial
+                },
+                schedule: self.scenario.schedule,
+            },
             sensors,
             body_from_target: Transform::identity(),
             presence_timeout: Span::secs(3),

@@ -12,7 +12,7 @@ use skein_proto::document::EstimateDocument;
 use skein_proto::frame::{Frame, OdometryFrame};
 use skein_proto::keys::Key;
 use skein_proto::name::Name;
-use skein_vehicle::{Config, MutualConfig, SensorConfig, Start, ToldPose};
+use skein_vehicle::{Config, MutualConfig, RangingConfig, SensorConfig, Start, ToldPose};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 use zenoh::qos::CongestionControl;
@@ -34,6 +34,7 @@ fn agent(clock: Clock) -> Agent {
         mode: Mode::default(),
         optimiser: Optimiser::default(),
         mutual: MutualConfig::DEFAULT,
+        ranging: RangingConfig::DEFAULT,
         sensors: vec![SensorConfig {
             name: name("odometry"),
             driver: "zenoh".to_owned(),

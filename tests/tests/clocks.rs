@@ -25,7 +25,8 @@ use skein_simworld::stage::Stage;
 use skein_simworld::world::{World, nanos};
 use skein_tests::stories::{built_in, name};
 use skein_vehicle::{
-    Config, Input, MutualConfig, Output, PacketKey, SensorConfig, Start, ToldPose, Vehicle,
+    Config, Input, MutualConfig, Output, PacketKey, RangingConfig, SensorConfig, Start, ToldPose,
+    Vehicle,
 };
 use std::collections::BTreeMap;
 
@@ -280,6 +281,7 @@ impl Stand {
             mode: STAR,
             optimiser: Optimiser::gauss_newton(),
             mutual: MutualConfig::DEFAULT,
+            ranging: RangingConfig::DEFAULT,
             sensors: vec![SensorConfig {
                 name: name("odometry"),
                 driver: "test".to_owned(),

@@ -14,7 +14,7 @@ use skein_proto::frame::{Frame, OdometryFrame, RelativeFrame, RelativeValue};
 use skein_proto::keys::Key;
 use skein_proto::name::Name;
 use skein_proto::status::Status;
-use skein_vehicle::{Config, MutualConfig, SensorConfig, Start, ToldPose};
+use skein_vehicle::{Config, MutualConfig, RangingConfig, SensorConfig, Start, ToldPose};
 use std::collections::BTreeMap;
 use std::time::Duration;
 use zenoh::Wait;
@@ -84,6 +84,7 @@ fn settings(nth: usize, clock: Clock, connect: Vec<String>, start: Start) -> Set
             mode: Mode::default(),
             optimiser: Optimiser::default(),
             mutual: MutualConfig::DEFAULT,
+            ranging: RangingConfig::DEFAULT,
             sensors: vec![sensor("odometry"), sensor("tags")],
             body_from_target: Transform::identity(),
             presence_timeout: Span::secs(2),

@@ -1,0 +1,113 @@
+//! Vehicles that measure distances and nothing else: production vehicles and codec, in virtual time.
+
+use skein_proto::document::{EstimateDocument, Permit, RangingStatus};
+use skein_proto::status::Status;
+use skein_simworld::fleet::{Fleet, pose_of};
+use skein_simworld::scenario::{Scenario, Start};
+use skein_simworld::stage::Stage;
+use skein_tests::stories::{built_in, status};
+
+const SECOND_NS: i64 = 1_000_000_000;
+
+/// How far off a vehicle's idea of a neighbour by distances is (m, rad), if it has exactly one.
+fn error(fleet: &Fleet, of: usize, neighbour: usize) -> Option<(f64, f64)> {
+    let name = fleet.stage().name(neighbour);
+    let estimate = fleet.estimate(of)?;
+    let known = |known: &&_| named(known, name);
+    let ranging = estimate.neighbours.iter().find(known)?.ranging.as_ref()?;
+    if ranging.status != RangingStatus::Converged {
+        return None;
+    }
+    let at_ns = fleet.stage().time_ns(of, ranging.taken_ns);
+    let truth = |vehicle| fleet.stage().truth(vehicle, at_ns);
+    let true_pose = truth(of)?.inverse() * truth(neighbour)?;
+    let pose = pose_of(ranging.pose.as_ref()?);
+    let apart = true_pose.inverse() * pose;
+    Some((apart.translation.vector.norm(), apart.rotation.angle()))
+}
+
+fn named(known: &skein_proto::document::NeighbourDocument, name: skein_proto::name::Name) -> bool {
+    known.vehicle == name
+}
+
+/// The scenario with nobody knowing where it starts.
+fn nobody_placed() -> Scenario {
+    let mut scenario = built_in("ranges");
+    for vehicle in scenario.team.vehicles_mut() {
+        vehicle.start = Start::Unknown;
+    }
+    scenario
+}
+
+#[test]
+fn vehicles_that_know_nothing_but_distances_find_out_where_the_others_are() {
+    let mut fleet = Fleet::new(&nobody_placed(), 1);
+    fleet.run_until(40 * SECOND_NS);
+    for of in 0..fleet.len() {
+        assert_eq!(
+            status(&fleet, of),
+            Status::Unplaced,
+            "there is no common frame"
+        );
+        for neighbour in (0..fleet.len()).filter(|neighbour| *neighbour != of) {
+            let (apart_m, turned_rad) =
+                error(&fleet, of, neighbour).unwrap_or_else(|| panic!("v{of} of v{neighbour}"));
+            assert!(
+                apart_m < 0.5 && turned_rad < 0.1,
+                "v{of} of v{neighbour}: {apart_m:.2} m, {turned_rad:.3} rad"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_vehicle_without_a_pose_joins_by_distances_and_is_then_one_of_the_team() {
+    let mut fleet = Fleet::new(&built_in("ranges"), 1);
+    let placed_ns = (1..=40)
+        .map(|second| second * SECOND_NS)
+        .find(|at_ns| {
+            fleet.run_until(*at_ns);
+            status(&fleet, 3) == Status::Tracking
+        })
+        .expect("it is placed within 40 s");
+    fleet.run_until(placed_ns + 10 * SECOND_NS);
+    for vehicle in 0..fleet.len() {
+        assert_eq!(status(&fleet, vehicle), Status::Tracking);
+        let error_m = fleet.position_error_m(vehicle);
+        assert!(error_m < 0.3, "v{vehicle}: {error_m:.2} m");
+    }
+    let health = fleet.health(3).unwrap().ranging.as_ref().unwrap();
+    assert_eq!(health.placed, 1);
+    let own = fleet.estimate(3).unwrap();
+    assert!(
+        own.neighbours.iter().all(|known| known.ranging.is_none()),
+        "its distances are measurements of the common estimate now"
+    );
+}
+
+fn moves(estimate: Option<&EstimateDocument>) -> bool {
+    let motion = estimate.and_then(|estimate| estimate.motion);
+    motion.is_some_and(|motion| motion.permit == Permit::Move)
+}
+
+#[test]
+fn vehicles_that_take_turns_never_move_together_and_all_move() {
+    let mut scenario = nobody_placed();
+    scenario.schedule = true;
+    let mut fleet = Fleet::new(&scenario, 1);
+    let mut moved = vec![0; fleet.len()];
+    for tenth in 0..600 {
+        fleet.run_until(tenth * SECOND_NS / 10);
+        let moving: Vec<usize> = (0..fleet.len())
+            .filter(|vehicle| moves(fleet.estimate(*vehicle)))
+            .collect();
+        assert!(
+            moving.len() <= 1,
+            "all hear each other, yet {moving:?} move"
+        );
+        for vehicle in moving {
+            moved[vehicle] += 1;
+        }
+    }
+    assert!(moved.iter().all(|times| *times > 50), "{moved:?}");
+}
