@@ -226,6 +226,10 @@ fn hostile_ranges_are_refused_by_name_and_leave_the_window_as_it_was() {
         taken: good.taken + crate::Span::secs(1),
         ..good
     };
+    let earlier = RangeSample {
+        taken: good.taken - crate::Span::secs(1),
+        ..good
+    };
     let range = |range_m| RangeSample { range_m, ..later };
     let sigma = |sigma_m| RangeSample { sigma_m, ..later };
     let mut lost = later;
@@ -243,7 +247,7 @@ fn hostile_ranges_are_refused_by_name_and_leave_the_window_as_it_was() {
         (sigma(1e6), RangeRefusal::BadSigma),
         (lost, RangeRefusal::BadOwnOdometry),
         (shrinking, RangeRefusal::BadNeighbourOdometry),
-        (good, RangeRefusal::NotLater),
+        (earlier, RangeRefusal::NotLater),
     ] {
         assert_eq!(window.push(&sample), Err(why));
         assert_eq!(window.len(), 1);
