@@ -3,7 +3,7 @@
 use crate::attitude;
 use crate::files::write;
 use crate::output::{print, print_json};
-use crate::registration;
+use crate::{ranging, registration};
 use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use miette::IntoDiagnostic;
@@ -29,6 +29,8 @@ pub(crate) enum Experiment {
     Mutual(MutualArguments),
     /// Registration of single anonymous scans: robots, noise, phantoms, misses, silent robots, by method.
     Registration(registration::RegistrationArguments),
+    /// Range-only localisation: section V of Cornejo & Nagpal.
+    Ranging(ranging::RangingArguments),
     /// Levelling: roll and pitch of virtual quadrotors, with and without biases.
     Attitude(attitude::SimulatedArguments),
 }
@@ -175,6 +177,9 @@ pub(crate) fn run(experiment: &Experiment) -> miette::Result<()> {
         }
         Experiment::Registration(arguments) => {
             rayon_pool(arguments.threads)?.install(|| registration::fly(arguments))
+        }
+        Experiment::Ranging(arguments) => {
+            rayon_pool(arguments.threads)?.install(|| ranging::fly(arguments))
         }
         Experiment::Attitude(arguments) => {
             rayon_pool(arguments.threads)?.install(|| attitude::fly(arguments))

@@ -9,6 +9,8 @@ mod files;
 mod fly;
 mod mode_name;
 mod output;
+mod ranging;
+mod recorded_ranges;
 mod registration;
 mod replay;
 

@@ -4,6 +4,7 @@ use crate::attitude;
 use crate::files;
 use crate::mode_name::ModeName;
 use crate::output::{print, print_json};
+use crate::recorded_ranges;
 use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use miette::{IntoDiagnostic, WrapErr, miette};
@@ -24,6 +25,10 @@ pub(crate) enum Replay {
     Mrclam(MrclamArguments),
     /// Inertial sensors with a true vertical beside them: how far the levelled one is off.
     Attitude(attitude::RecordedArguments),
+    /// Factor graphs (PyFG): robots in the plane that find each other by their distances and odometry.
+    Pyfg(recorded_ranges::PyfgArguments),
+    /// TIERS: distances by radio beside those by motion capture.
+    Tiers(recorded_ranges::TiersArguments),
 }
 
 /// Options of `replay mrclam`.
@@ -64,6 +69,8 @@ pub(crate) fn run(replay: &Replay) -> miette::Result<()> {
     match replay {
         Replay::Mrclam(arguments) => mrclam(arguments),
         Replay::Attitude(arguments) => attitude::replay(arguments),
+        Replay::Pyfg(arguments) => recorded_ranges::pyfg(arguments),
+        Replay::Tiers(arguments) => recorded_ranges::tiers(arguments),
     }
 }
 
