@@ -87,6 +87,13 @@ fn the_commands_for_a_test_bed_and_for_research_work() {
                 let text = run(&command, &["--samples", "2"], &folder);
                 assert!(text.contains("deg"), "{text}");
             }
+            "experiment" if words[1] == "ranging" => {
+                let few = ["--samples", "2", "--rounds", "50"];
+                let text = run(&command, &few, &folder);
+                assert!(text.contains("out/ranging"), "{text}");
+                let tables = std::fs::read_dir(folder.join("out/ranging")).unwrap();
+                assert!(tables.count() >= 2, "{command} draws and tabulates");
+            }
             "experiment" => {
                 let plain = command.replace("--samples 100 ", "");
                 let text = run(&plain, &["--samples", "4"], &folder);
@@ -107,6 +114,18 @@ fn the_commands_for_a_test_bed_and_for_research_work() {
                     .replacen("DIR", euroc.to_str().unwrap(), 1);
                 let text = run(&command, &[], &folder);
                 assert!(text.contains("deg"), "{text}");
+            }
+            "replay" if words[1] == "pyfg" => {
+                let Some(ranges) = datasets::find("cora_pyfg") else {
+                    continue;
+                };
+                let file = ranges.join("tiers.pyfg");
+                let text = run(
+                    &command.replace("FILE", file.to_str().unwrap()),
+                    &[],
+                    &folder,
+                );
+                assert!(text.contains("C of D"), "{text}");
             }
             "replay" => {
                 let Some(recording) = &recording else {
