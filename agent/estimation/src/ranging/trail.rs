@@ -2,7 +2,7 @@
 //!
 //! Odometry errors add up backwards: what is said of an earlier place turns about every later one. With the noise of an
 //! increment on its body side, the error of a place `p` and the yaw there, in the newest level frame, is
-//! `delta = -(v + w x p)`, `epsilon = -w`, where the twist `(w, v)` has the covariance that [`Growth`] gathered between.
+//! `delta = -(v + w x p)`, `epsilon = -w`, where the twist `(w, v)` has the covariance that odometry gathered between.
 
 use super::pose::{RelativePose, turned};
 use super::sample::LevelOdometry;

@@ -154,9 +154,9 @@ impl<'a> Descent<'a> {
                     let weighted = rows[a][i] * weight / tie.apart_m2;
                     linear.gradient[PER_ROBOT * end + i] += weighted * seen.residual;
                     for (b, other) in tie.ends.iter().enumerate() {
-                        for k in 0..PER_ROBOT {
+                        for (k, change) in rows[b].iter().enumerate() {
                             linear.hessian[(PER_ROBOT * end + i, PER_ROBOT * other + k)] +=
-                                weighted * rows[b][k];
+                                weighted * change;
                         }
                     }
                 }

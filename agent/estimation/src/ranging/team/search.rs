@@ -62,23 +62,22 @@ pub(super) fn formations(team: &Team, settings: &WindowSettings) -> Vec<Poses> {
 fn pair_modes(team: &Team, settings: &WindowSettings) -> Vec<Vec<Vec<RelativePose>>> {
     let count = team.now.len();
     let mut modes = vec![vec![Vec::new(); count]; count];
-    for high in 1..count {
-        for low in 0..high {
-            let mut window = Window::new();
-            for sample in team.pair(low, high) {
-                // All were checked when they were taken.
-                let _ = window.push(sample);
-            }
-            let Some(newest) = window.newest().copied() else {
-                continue;
-            };
-            let own = Past::of(&newest.own, &team.now[low]);
-            let neighbour = Past::of(&newest.neighbour, &team.now[high]);
-            for mode in window.solve(settings, Starts::Exhaustive, None).as_slice() {
-                let now = own.carried(&neighbour, &mode.pose);
-                modes[low][high].push(now);
-                modes[high][low].push(now.inverse());
-            }
+    let pairs = (1..count).flat_map(|high| (0..high).map(move |low| (low, high)));
+    for (low, high) in pairs {
+        let mut window = Window::new();
+        for sample in team.pair(low, high) {
+            // All were checked when they were taken.
+            let _ = window.push(sample);
+        }
+        let Some(newest) = window.newest().copied() else {
+            continue;
+        };
+        let own = Past::of(&newest.own, &team.now[low]);
+        let neighbour = Past::of(&newest.neighbour, &team.now[high]);
+        for mode in window.solve(settings, Starts::Exhaustive, None).as_slice() {
+            let now = own.carried(&neighbour, &mode.pose);
+            modes[low][high].push(now);
+            modes[high][low].push(now.inverse());
         }
     }
     modes

@@ -188,13 +188,13 @@ impl Model<'_> {
 
     fn apart(&self, residuals: &Residuals, weights: &mut [f64; WINDOW_MAX]) -> Linear {
         let mut linear = Linear::nothing();
-        for j in 0..self.geometry.count {
+        for (j, weight) in weights.iter_mut().enumerate().take(self.geometry.count) {
             let residual = residuals.value[j];
             let variance = self.geometry.apart_m2[j];
             let square = residual * residual / variance;
-            weights[j] = self.weight(square);
+            *weight = self.weight(square);
             linear.cost += self.loss(square) + variance.ln();
-            linear.add(&residuals.row[j], residual, weights[j] / variance);
+            linear.add(&residuals.row[j], residual, *weight / variance);
         }
         linear.complete()
     }
@@ -250,10 +250,7 @@ impl Model<'_> {
         residuals: &Residuals,
     ) -> [[f64; WINDOW_MAX]; WINDOW_MAX] {
         let geometry = self.geometry;
-        let mut theirs = [Vector3::zeros(); WINDOW_MAX];
-        for j in 0..geometry.count {
-            theirs[j] = turned(&residuals.direction[j], -pose.yaw_rad);
-        }
+        let theirs = residuals.direction.map(|one| turned(&one, -pose.yaw_rad));
         let mut covariance = [[0.0; WINDOW_MAX]; WINDOW_MAX];
         // The newest places are the origins: they have no error.
         for later in 0..geometry.count.saturating_sub(1) {
@@ -355,10 +352,8 @@ fn cholesky(
 ) -> Option<[[f64; WINDOW_MAX]; WINDOW_MAX]> {
     for i in 0..size {
         for k in 0..=i {
-            let mut sum = matrix[i][k];
-            for l in 0..k {
-                sum -= matrix[i][l] * matrix[k][l];
-            }
+            let known: f64 = (0..k).map(|l| matrix[i][l] * matrix[k][l]).sum();
+            let sum = matrix[i][k] - known;
             if i > k {
                 matrix[i][k] = sum / matrix[k][k];
             } else if sum > 0.0 && sum.is_finite() {

@@ -227,7 +227,7 @@ impl Modes {
 
     /// How much smaller a standard deviation must be while few ranges are redundant: a single one cannot tell a place
     /// from one some standard deviations away to which the curve of the cost leads. Without it one accepted window of
-    /// four in 140 is wrong by more than 3 m, with it one in 500.
+    /// four in 140 is wrong by more than 3 m, with it one in 200.
     fn caution(&self) -> f64 {
         let unknown = if self.best().is_some_and(|best| best.planar) {
             3
