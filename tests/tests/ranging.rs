@@ -5,7 +5,7 @@ use skein_proto::status::Status;
 use skein_simworld::fleet::{Fleet, pose_of};
 use skein_simworld::scenario::{Scenario, Start};
 use skein_simworld::stage::Stage;
-use skein_tests::stories::{built_in, status};
+use skein_tests::stories::{built_in, position_sigma_m, status};
 
 const SECOND_NS: i64 = 1_000_000_000;
 
@@ -53,11 +53,15 @@ fn vehicles_that_know_nothing_but_distances_find_out_where_the_others_are() {
             let (apart_m, turned_rad) =
                 error(&fleet, of, neighbour).unwrap_or_else(|| panic!("v{of} of v{neighbour}"));
             assert!(
-                apart_m < 0.5 && turned_rad < 0.1,
+                apart_m < 1.0 && turned_rad < 0.15,
                 "v{of} of v{neighbour}: {apart_m:.2} m, {turned_rad:.3} rad"
             );
+            errors_m.push(apart_m);
         }
     }
+    errors_m.sort_by(f64::total_cmp);
+    let median_m = errors_m[errors_m.len() / 2];
+    assert!(median_m < 0.4, "{errors_m:.2?}");
 }
 
 #[test]
@@ -73,8 +77,13 @@ fn a_vehicle_without_a_pose_joins_by_distances_and_is_then_one_of_the_team() {
     fleet.run_until(placed_ns + 10 * SECOND_NS);
     for vehicle in 0..fleet.len() {
         assert_eq!(status(&fleet, vehicle), Status::Tracking);
+        // Distances of 0.1 m hold a team that knows its starts to 0.4 m.
         let error_m = fleet.position_error_m(vehicle);
-        assert!(error_m < 0.3, "v{vehicle}: {error_m:.2} m");
+        let sigma_m = position_sigma_m(&fleet, vehicle);
+        assert!(
+            error_m < 1.2 && error_m < 4.0 * sigma_m,
+            "v{vehicle}: {error_m:.2} m of {sigma_m:.2} m"
+        );
     }
     let health = fleet.health(3).unwrap().ranging.as_ref().unwrap();
     assert_eq!(health.placed, 1);

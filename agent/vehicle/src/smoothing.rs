@@ -32,6 +32,10 @@ const ROUND_SHARE_MIN: f64 = 0.4;
 const ROUND_SHARE_MAX: f64 = 0.6;
 /// Rounds in a row that could not be solved, after which the estimator begins again.
 const UNDETERMINED_MAX: u32 = 5;
+/// Of each neighbour so many rounds are looked at for news.
+const NEWEST_ROUNDS: usize = 4;
+/// What placed this vehicle was said within this time: its rounds since then are smoothed, so that it counts.
+const PLACED_WITHIN: Span = Span::secs(2);
 
 /// The team estimator with what it has been told.
 #[derive(Clone, Debug)]
@@ -42,6 +46,8 @@ pub(crate) struct Smoothing {
     /// This vehicle's own last rounds, as others hear them.
     own_rounds: VecDeque<HeardRound>,
     own_done: Done,
+    /// Whom this vehicle measured of late, by hash: of some nothing may ever be heard.
+    targets: BTreeMap<u64, Name>,
     lives: BTreeMap<Name, Life>,
     /// Where distances located somebody, this vehicle among them: where to begin with whoever was told nothing.
     found: BTreeMap<VehicleId, (Moment, ToldPose)>,
@@ -89,8 +95,8 @@ pub(crate) struct Told<'a> {
 /// What came of a round.
 pub(crate) struct Smoothed {
     pub(crate) report: Report,
-    /// Measurements that were not used, and whose they are.
-    pub(crate) refused: Vec<(Name, Refused)>,
+    /// Measurements and fixes that were not used, and whose they are; of this vehicle's own fixes nobody's.
+    pub(crate) refused: Vec<(Option<Name>, Refused)>,
     /// Who was put into quarantine.
     pub(crate) quarantined: Vec<Name>,
     /// Of whom a hash is.
@@ -99,8 +105,8 @@ pub(crate) struct Smoothed {
 
 /// Why a measurement has no ends.
 enum NoEnds {
-    /// What is missing may still come.
-    NotYet,
+    /// What is missing may still come; if it does not, this is why.
+    NotYet(Refused),
     Never(Refused),
 }
 
@@ -113,6 +119,7 @@ impl Smoothing {
             team: Team::new(me, period, Settings::DEFAULT),
             own_rounds: VecDeque::new(),
             own_done: Done::new(),
+            targets: BTreeMap::new(),
             lives: BTreeMap::new(),
             found: BTreeMap::new(),
             undetermined: 0,
@@ -178,6 +185,15 @@ impl Smoothing {
         while self.own_rounds.len() as i64 > ROUNDS_BACK_MAX {
             self.own_rounds.pop_front();
         }
+        let measured = round.measured.keys();
+        self.targets
+            .extend(measured.map(|name| (name.hash(), *name)));
+        let rounds = self.own_rounds.iter();
+        let kept: BTreeSet<u64> = rounds
+            .flat_map(|round| &round.measured)
+            .map(|addressed| addressed.to)
+            .collect();
+        self.targets.retain(|hash, _| kept.contains(hash));
     }
 
     /// Whether everybody who was told something in a round has told its own round of that time.
@@ -196,6 +212,24 @@ impl Smoothing {
                 })
             })
         })
+    }
+
+    /// Whether somebody measured something in a round, as far as is known.
+    pub(crate) fn has_news(&self, round: &Round, neighbours: &Neighbours) -> bool {
+        let reach = share(self.period, ROUND_SHARE_MAX);
+        let tells = |heard: &HeardRound| !heard.measured.is_empty() || !heard.fixes.is_empty();
+        let told = |boot: &Boot| {
+            boot.rounds.iter().rev().take(NEWEST_ROUNDS).any(|heard| {
+                let mine = boot.clock.to_mine(heard.instant);
+                mine.is_some_and(|mine| mine - round.instant >= -reach) && tells(heard)
+            })
+        };
+        !round.measured.is_empty()
+            || !round.fixes.is_empty()
+            || neighbours
+                .iter()
+                .filter_map(|(_, neighbour)| neighbour.usable())
+                .any(told)
     }
 
     /// Smooths a round with everything that was told.
@@ -291,7 +325,8 @@ impl Smoothing {
         self.lives.retain(|name, _| is_known(name));
     }
 
-    /// This vehicle joins: where it was told to be, or where it was placed, of which nothing is known but that.
+    /// This vehicle joins: where it was told to be, or where it was placed, of which nothing is known but that. It then
+    /// joins where it was a little before, since what placed it was measured there and is to count, once.
     fn locate_own(&mut self, told: &Told<'_>) {
         if self.team.is_located(self.me) {
             return;
@@ -315,8 +350,22 @@ impl Smoothing {
                 )
                 .is_ok()
         });
-        if !started && !self.start_where_found(&now) {
-            let _ = self.team.place(&now, &told.prior);
+        if started || self.start_where_found(&now) {
+            return;
+        }
+        let since = told.round.instant - PLACED_WITHIN;
+        let instant = |round: &&HeardRound| round.instant.on_its_own_clock();
+        let before = self.own_rounds.iter().find(|round| {
+            let is_recent = instant(round) >= since && instant(round) <= told.round.instant;
+            is_recent && round.point.segment == told.odometry.segment
+        });
+        let point = before.map_or(told.odometry, |round| round.point);
+        let (then, odometry) = (&point.odometry_from_body, &told.odometry.odometry_from_body);
+        let world_from_body = told.prior * odometry.inverse() * *then;
+        if self.team.place(&moment(&point), &world_from_body).is_ok() {
+            // What was measured before was counted when it was refused.
+            self.own_rounds
+                .retain(|round| instant(&round) >= point.taken);
         }
     }
 
@@ -431,50 +480,81 @@ impl Smoothing {
             .is_ok()
     }
 
-    /// Everybody's measurements and fixes that were not looked at before.
+    /// Everybody's measurements and fixes that were not looked at before, in order of time: what locates a vehicle is
+    /// then the first that could, and none that was taken before it comes too late.
     fn measure(
         &mut self,
         told: &Told<'_>,
         tellers: &[Teller<'_>],
-        refused: &mut Vec<(Name, Refused)>,
+        refused: &mut Vec<(Option<Name>, Refused)>,
     ) {
-        for teller in tellers {
+        let rounds = tellers.iter().flat_map(|teller| {
+            let rounds = teller.rounds.iter();
+            rounds.map(move |(instant, round)| (*instant, teller, *round))
+        });
+        let mut rounds: Vec<(Stamp, &Teller<'_>, &HeardRound)> = rounds.collect();
+        rounds.sort_by_key(|(instant, ..)| *instant);
+        for (instant, teller, round) in rounds {
             let mut done = std::mem::take(self.done(teller));
-            for (instant, round) in &teller.rounds {
-                let from = teller.moment(*instant, round);
-                for (nth, addressed) in round.measured.iter().enumerate() {
-                    if done.contains(&(round.instant, nth)) {
-                        continue;
-                    }
-                    let outcome = self.tie(told, tellers, &from, addressed);
-                    if self.is_settled(&outcome, told, *instant) {
-                        done.insert((round.instant, nth));
-                        let whose = teller.name.or_else(|| {
-                            let of = |other: &&Teller<'_>| other.id.0 == addressed.to;
-                            tellers.iter().find(of)?.name
-                        });
-                        refused.extend(whose.zip(outcome.err().and_then(NoEnds::refused)));
-                    }
-                }
-                for (nth, fixed) in round.fixes.iter().enumerate() {
-                    let key = (round.instant, round.measured.len() + nth);
-                    if done.contains(&key) {
-                        continue;
-                    }
-                    let outcome = self.fix(&from, nth, fixed);
-                    if self.is_settled(&outcome, told, *instant) {
-                        done.insert(key);
-                    }
-                }
-            }
+            self.fix_round(told, teller, (instant, round), &mut done, refused);
+            self.measure_round(told, tellers, teller, (instant, round), &mut done, refused);
             *self.done(teller) = done;
         }
     }
 
-    /// Whether nothing more can come of a measurement.
+    /// The fixes of a vehicle in one round.
+    fn fix_round(
+        &mut self,
+        told: &Told<'_>,
+        teller: &Teller<'_>,
+        (instant, round): (Stamp, &HeardRound),
+        done: &mut Done,
+        refused: &mut Vec<(Option<Name>, Refused)>,
+    ) {
+        let at = teller.moment(instant, round);
+        for (nth, fixed) in round.fixes.iter().enumerate() {
+            let key = (round.instant, round.measured.len() + nth);
+            if done.contains(&key) {
+                continue;
+            }
+            let outcome = self.fix(&at, nth, fixed);
+            if self.is_settled(&outcome, told, instant) {
+                done.insert(key);
+                refused.extend(outcome.err().map(|why| (teller.name, why.refused())));
+            }
+        }
+    }
+
+    /// What a vehicle measured in one round.
+    fn measure_round(
+        &mut self,
+        told: &Told<'_>,
+        tellers: &[Teller<'_>],
+        teller: &Teller<'_>,
+        (instant, round): (Stamp, &HeardRound),
+        done: &mut Done,
+        refused: &mut Vec<(Option<Name>, Refused)>,
+    ) {
+        let from = teller.moment(instant, round);
+        for (nth, addressed) in round.measured.iter().enumerate() {
+            if done.contains(&(round.instant, nth)) {
+                continue;
+            }
+            let outcome = self.tie(told, tellers, &from, addressed);
+            if self.is_settled(&outcome, told, instant) {
+                done.insert((round.instant, nth));
+                let target = || self.targets.get(&addressed.to).copied();
+                let whose = teller.name.or_else(target);
+                refused.extend(outcome.err().map(|why| (whose, why.refused())));
+            }
+        }
+    }
+
+    /// Whether nothing more can come of a measurement: what has left the window comes back no more.
     fn is_settled(&self, outcome: &Result<(), NoEnds>, told: &Told<'_>, instant: Stamp) -> bool {
         let is_last = told.round.instant - instant >= self.period * (ROUNDS_BACK_MAX - 1);
-        is_last || !matches!(outcome, Err(NoEnds::NotYet))
+        let has_left = self.team.since().is_some_and(|since| instant < since);
+        is_last || has_left || !matches!(outcome, Err(NoEnds::NotYet(_)))
     }
 
     fn done(&mut self, teller: &Teller<'_>) -> &mut Done {
@@ -508,7 +588,7 @@ impl Smoothing {
         addressed: &Addressed,
     ) -> Result<(), NoEnds> {
         let of = tellers.iter().find(|teller| teller.id.0 == addressed.to);
-        let of = of.ok_or(NoEnds::NotYet)?;
+        let of = of.ok_or(NoEnds::NotYet(Refused::ClockUnknown))?;
         let Sighting {
             measurement,
             mut noise,
@@ -524,7 +604,7 @@ impl Smoothing {
             .iter()
             .min_by_key(|(instant, _)| (*instant - taken).abs())
             .filter(|(instant, _)| (*instant - taken).abs() <= share(self.period, ROUND_SHARE_MAX));
-        let (instant, round) = nearest.ok_or(NoEnds::NotYet)?;
+        let (instant, round) = nearest.ok_or(NoEnds::NotYet(Refused::NoOdometry))?;
         let to = of.moment(*instant, round);
         let body_round_from_taken = of.moved(&to, taken, told.reckoning)?;
         let apart_s = (taken - *instant).abs().max(offset.abs()).as_secs_f64();
@@ -637,7 +717,7 @@ impl Teller<'_> {
         };
         match at {
             Ok(at) => motion(&moment.point, &at).ok_or(NoEnds::Never(Refused::NoOdometry)),
-            Err(Gap::NotYet) => Err(NoEnds::NotYet),
+            Err(Gap::NotYet) => Err(NoEnds::NotYet(Refused::NoOdometry)),
             Err(Gap::Before | Gap::Interrupted) => Err(NoEnds::Never(Refused::NoOdometry)),
         }
     }
@@ -646,7 +726,8 @@ impl Teller<'_> {
 impl NoEnds {
     const fn of(unused: Unused) -> Self {
         match unused {
-            Unused::Unlocated | Unused::Interrupted => Self::NotYet,
+            Unused::Unlocated => Self::NotYet(Refused::NoPrior),
+            Unused::Interrupted => Self::NotYet(Refused::NoOdometry),
             Unused::TooLate => Self::Never(Refused::TooLate),
             Unused::Counted => Self::Never(Refused::Duplicate),
             Unused::LeftOut | Unused::Full => Self::Never(Refused::Full),
@@ -656,11 +737,10 @@ impl NoEnds {
         }
     }
 
-    /// What is counted of a measurement of which nothing comes. One whose ends were never told lacks their odometry.
-    fn refused(self) -> Option<Refused> {
+    /// What is counted of a measurement of which nothing comes.
+    fn refused(self) -> Refused {
         match self {
-            Self::NotYet => Some(Refused::NoOdometry),
-            Self::Never(why) => Some(why),
+            Self::NotYet(why) | Self::Never(why) => why,
         }
     }
 }

@@ -193,7 +193,13 @@ impl Vehicle {
         let Some(smoothing) = &mut self.smoothing else {
             return true;
         };
-        if !deadline_passed && !smoothing.is_complete(round, &self.neighbours) {
+        let may_wait = !deadline_passed;
+        if may_wait && !smoothing.is_complete(round, &self.neighbours) {
+            return false;
+        }
+        // As of a star: a round in which nobody measured anything costs nothing while it waits for the next one.
+        let is_last = self.rounds.open.is_empty();
+        if may_wait && is_last && !smoothing.has_news(round, &self.neighbours) {
             return false;
         }
         let smoothed = smoothing.solve(
@@ -208,7 +214,10 @@ impl Vehicle {
             },
         );
         for (name, why) in &smoothed.refused {
-            self.count_refusal(*name, why);
+            match name {
+                Some(name) => self.count_refusal(*name, why),
+                None => self.refused.refuse(why),
+            }
         }
         for name in &smoothed.quarantined {
             if let Some(neighbour) = self.neighbours.get_mut(*name) {
@@ -245,6 +254,9 @@ impl Vehicle {
             let mine = verdict.by == me || verdict.of == me;
             if verdict.accepted && mine {
                 self.counts.corrected_at = Some(round.instant);
+            }
+            if verdict.is_fix && mine && !verdict.accepted {
+                self.refused.refuse(&Refused::Gated);
             }
             let other = if verdict.by == me {
                 verdict.of
