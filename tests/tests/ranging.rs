@@ -43,6 +43,7 @@ fn nobody_placed() -> Scenario {
 fn vehicles_that_know_nothing_but_distances_find_out_where_the_others_are() {
     let mut fleet = Fleet::new(&nobody_placed(), 1);
     fleet.run_until(40 * SECOND_NS);
+    let mut errors_m = Vec::new();
     for of in 0..fleet.len() {
         assert_eq!(
             status(&fleet, of),

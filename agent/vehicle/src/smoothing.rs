@@ -331,8 +331,9 @@ impl Smoothing {
         if self.team.is_located(self.me) {
             return;
         }
+        let me = self.me;
         let moment = |point: &OdometryPoint| Moment {
-            vehicle: self.me,
+            vehicle: me,
             instant: point.taken,
             point: *point,
         };

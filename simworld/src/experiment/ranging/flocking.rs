@@ -56,7 +56,7 @@ impl Orientations for NoisyTruth {
     fn relative_rad(&mut self, swarm: &PlanarSwarm, observer: usize, robot: usize) -> Option<f64> {
         let gauss: f64 = StandardNormal.sample(&mut self.rng);
         let truth_rad = swarm.relative(observer, robot).heading_rad;
-        (self.rounds >= ROUNDS_TO_KNOW).then(|| truth_rad + self.sigma_rad * gauss)
+        (self.rounds >= ROUNDS_TO_KNOW).then_some(truth_rad + self.sigma_rad * gauss)
     }
 }
 
