@@ -15,15 +15,16 @@ use std::hint::black_box;
 fn sample(round: i64) -> RangeSample {
     let k = round as f64;
     let curve = |rate: f64, speed: f64| {
-        let yaw_rad = rate * k + 0.4 * (1.3 * k * speed).sin();
-        let position_m = Vector3::new(
-            speed * k * (0.3 * rate * k).cos(),
-            speed * k * (0.5 * rate * k).sin(),
-            0.0,
-        );
+        let place = |step: i64| {
+            let k = step as f64;
+            let (along, across) = (0.3 * rate * k, 0.5 * rate * k);
+            Vector3::new(speed * k * along.cos(), speed * k * across.sin(), 0.0)
+        };
         let growth = (0..=round).fold(Growth::zero(), |growth, step| {
-            growth.after(&(position_m * (step as f64 / (k + 1.0))), 0.01, 0.05)
+            growth.after(&place(step), 0.01, 0.05)
         });
+        let position_m = place(round);
+        let yaw_rad = rate * k + 0.4 * (1.3 * k * speed).sin();
         LevelOdometry {
             segment: 0,
             position_m,
