@@ -353,11 +353,8 @@ fn with_nobody_present_a_vehicle_says_that_it_is_alone() {
 fn a_team_without_a_pose_says_why_and_what_to_do_and_one_that_is_fixed_places_the_others() {
     let scenario = built_in("hover");
     let config = |index, config: Config| {
-        // Wrong today: in mode `team` what places a vehicle counts for nothing once it is placed, so that two fixes
-        // and no more leave everybody right and `degraded`.
         let mut config = Config {
             start: Start::Unknown,
-            mode: STAR,
             ..config
         };
         if index == 1 {
@@ -518,11 +515,11 @@ fn estimates(log: &[Logged]) -> Vec<&Logged> {
 #[test]
 fn readings_of_names_that_nobody_bears_are_counted_and_change_nothing() {
     let scenario = built_in("section-v");
-    let fly = |strangers: bool| {
+    let fly = |mode: fn(usize, Config) -> Config, strangers: bool| {
         let mut fleet = altered(
             &scenario,
             2,
-            in_star,
+            mode,
             move |world, vehicle, instant_ns, deliveries| {
                 if !strangers || instant_ns <= 0 {
                     return;
@@ -553,14 +550,19 @@ fn readings_of_names_that_nobody_bears_are_counted_and_change_nothing() {
         fleet.run_until(nanos(10.1));
         fleet
     };
-    let (mut plain, mut haunted) = (fly(false), fly(true));
-    for vehicle in 0..5 {
-        let refused = |fleet: &Fleet<_>| fleet.health(vehicle).unwrap().refused.clone();
-        assert!(refused(&plain).is_empty());
-        // Two readings in each of 49 rounds, none of a name whose clock is known; the health of 10 s comes before round 50.
-        assert_eq!(refused(&haunted), [("clock_unknown".to_owned(), 98)].into());
+    // Two readings in each of 49 rounds, none of a name whose clock is known; the health of 10 s comes before round 50. In
+    // mode `team` they count when their rounds leave the window, ten rounds later.
+    let modes: [(fn(usize, Config) -> Config, u64); 2] = [(in_star, 98), (as_configured, 78)];
+    for (mode, times) in modes {
+        let (mut plain, mut haunted) = (fly(mode, false), fly(mode, true));
+        for vehicle in 0..5 {
+            let refused = |fleet: &Fleet<_>| fleet.health(vehicle).unwrap().refused.clone();
+            assert!(refused(&plain).is_empty());
+            let expected = [("clock_unknown".to_owned(), times)].into();
+            assert_eq!(refused(&haunted), expected);
+        }
+        assert!(estimates(&plain.take_log()) == estimates(&haunted.take_log()));
     }
-    assert!(estimates(&plain.take_log()) == estimates(&haunted.take_log()));
 }
 
 #[test]
@@ -630,20 +632,20 @@ fn the_first_contact_between_strangers_counts_in_the_round_in_which_it_happens()
     scenario.team.truncate(2);
     scenario.sensor.miss_probability = 0.0;
     // The contact falls onto every phase of the greetings, which are sent once a second.
-    for (round, delay_s) in [(21, 0.0), (22, 0.0), (23, 0.1), (24, 0.1), (25, 0.0)] {
+    let contacts = [(21, 0.0), (22, 0.0), (23, 0.1), (24, 0.1), (25, 0.0)];
+    let modes: [fn(usize, Config) -> Config; 2] = [in_star, as_configured];
+    let each = modes
+        .into_iter()
+        .flat_map(|mode| contacts.map(|contact| (mode, contact)));
+    for (mode, (round, delay_s)) in each {
         scenario.radio.delay_s = delay_s;
         let contact_ns = round * PERIOD_NS;
-        let mut fleet = altered(
-            &scenario,
-            0,
-            in_star,
-            |_, vehicle, instant_ns, deliveries| {
-                // Only v1 sees v2, once.
-                if (vehicle, instant_ns) != (0, contact_ns) {
-                    deliveries.retain(|delivery| delivery.sensor == name(ODOMETRY));
-                }
-            },
-        );
+        let mut fleet = altered(&scenario, 0, mode, |_, vehicle, instant_ns, deliveries| {
+            // Only v1 sees v2, once.
+            if (vehicle, instant_ns) != (0, contact_ns) {
+                deliveries.retain(|delivery| delivery.sensor == name(ODOMETRY));
+            }
+        });
         fleet.run_until(contact_ns);
         assert_eq!(
             [status(&fleet, 0), status(&fleet, 1)],

@@ -187,18 +187,8 @@ fn of_two_sub_teams_that_meet_the_one_with_fixes_stays_and_the_other_is_right_wi
         let meant = [3, 4, 5].map(|vehicle| nees(&fleet, vehicle));
         assert!((0..6).all(|vehicle| status(&fleet, vehicle) == Status::Tracking));
         fleet.run_until(nanos(AFTER_S));
-        let in_quarantine = |of: usize| {
-            let others = (0..6).filter(|by| *by != of);
-            let health = |by| neighbour(&fleet, by, &format!("v{}", of + 1)).quarantined;
-            others.filter(|by| health(*by)).count()
-        };
-        // Wrong today: on the first words over the radio, before anybody sees anybody, one or the other honest vehicle is
-        // put into quarantine for a second or two, as where it is follows from its start alone.
-        assert_eq!(
-            [0, 1, 2, 3, 4, 5].map(in_quarantine),
-            [0; 6],
-            "sample {sample}"
-        );
+        // Not on the first words over the radio either, when where the others are follows from their starts alone.
+        assert_eq!(accused(&fleet), [], "sample {sample}");
         (lost, found, meant)
     };
     let flown: Vec<_> = (0..SAMPLES).into_par_iter().map(fly).collect();
