@@ -163,8 +163,7 @@ fn two_fixes_that_place_a_vehicle_before_its_first_round_count_once_each() {
         };
         team.fixed(&flight.moments[round][0], 0, &fix)
     };
-    // The window of so many is short: by itself it would not reach back to the first fix.
-    const { assert!(Settings::DEFAULT.lag.usual < 7) };
+    // The window of seven is three rounds long: by itself it would not reach back to either fix.
     let placed_at = |round: usize| {
         let mut team = Team::new(id(0), PERIOD, Settings::DEFAULT);
         for vehicle in 1..7 {
@@ -181,7 +180,7 @@ fn two_fixes_that_place_a_vehicle_before_its_first_round_count_once_each() {
     let sigma_rad = |team: &Team| team.own().unwrap().covariance[(0, 0)].sqrt();
     let mut team = placed_at(3);
     fixed(&mut team, 3).unwrap();
-    fixed(&mut team, 7).unwrap();
+    fixed(&mut team, 6).unwrap();
     assert_eq!(fixed(&mut team, 3), Err(Unused::Counted));
     assert!(!team.solve().undetermined);
     let expected = noise.rotation_rad / 2.0_f64.sqrt();
