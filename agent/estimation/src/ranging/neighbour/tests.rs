@@ -25,18 +25,19 @@ fn error_m(world: &World, neighbour: &Neighbour) -> f64 {
 #[test]
 fn a_neighbour_is_unknown_then_at_one_of_several_places_then_at_one() {
     let (mut ambiguous, mut good) = (0, 0);
+    let early = NeighbourSettings {
+        start_ranges: 4,
+        ..NeighbourSettings::PLANAR
+    };
     for seed in 0..20 {
         let mut world = world(seed);
-        let mut neighbour = Neighbour::new(NeighbourSettings::PLANAR);
+        let mut neighbour = Neighbour::new(early);
         assert_eq!(neighbour.estimate().observability, Observability::Unknown);
         assert!(neighbour.estimate().best.is_none());
-        let mut was_ambiguous = false;
-        for _ in 0..20 {
-            followed(&mut world, &mut neighbour, 1);
-            let seen = neighbour.estimate().observability;
-            was_ambiguous |= matches!(seen, Observability::Ambiguous { .. });
-        }
-        ambiguous += usize::from(was_ambiguous);
+        followed(&mut world, &mut neighbour, 4);
+        let seen = neighbour.estimate().observability;
+        ambiguous += usize::from(matches!(seen, Observability::Ambiguous { .. }));
+        followed(&mut world, &mut neighbour, 16);
         good += usize::from(error_m(&world, &neighbour) < 1.5 + 0.05 * world.distance_m(0, 1));
     }
     assert!(ambiguous >= 5 && good >= 18, "{ambiguous} {good}");
