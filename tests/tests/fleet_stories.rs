@@ -171,12 +171,12 @@ fn mounts_that_are_left_out_of_the_configuration_are_seen_in_the_error() {
 #[test]
 fn a_killed_vehicle_is_missed_comes_back_under_a_new_boot_without_a_prior_and_harms_nobody() {
     let scenario = built_in("section-v");
-    // From 8 s on nobody sees v5, and it measures distances only: nobody can tell it where it is.
+    // From 8 s on nobody sees v5, and it measures orientations only: nobody can tell it where it is.
     let unplaceable = |_: &World, vehicle, instant_ns, deliveries: &mut Vec<Delivery>| {
         deliveries.retain_mut(|delivery| match &mut delivery.frame {
             Frame::Relative(frame) if instant_ns > nanos(8.0) => {
                 if vehicle == 4 {
-                    frame.value = as_kind(&frame.value, 4);
+                    frame.value = as_kind(&frame.value, 1);
                 }
                 frame.target != name("v5")
             }

@@ -208,7 +208,7 @@ impl Vehicle {
         } else {
             format!(
                 "{} can place it as soon as what is measured between them tells all of its pose: one relative pose \
-                 does, a range or a bearing alone does not",
+                 does, distances do once both have moved about, a bearing alone does not",
                 located.join(", ")
             )
         }
