@@ -552,7 +552,8 @@ fn readings_of_names_that_nobody_bears_are_counted_and_change_nothing() {
     };
     // Two readings in each of 49 rounds, none of a name whose clock is known; the health of 10 s comes before round 50. In
     // mode `team` they count when their rounds leave the window, ten rounds later.
-    let modes: [(fn(usize, Config) -> Config, u64); 2] = [(in_star, 98), (as_configured, 78)];
+    type Configured = fn(usize, Config) -> Config;
+    let modes: [(Configured, u64); 2] = [(in_star, 98), (as_configured, 78)];
     for (mode, times) in modes {
         let (mut plain, mut haunted) = (fly(mode, false), fly(mode, true));
         for vehicle in 0..5 {
