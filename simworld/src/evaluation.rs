@@ -6,7 +6,10 @@ pub use alignment::{Space, align};
 
 use crate::truth::{Pose, relative_position_m, wrapped_rad, yaw_rad};
 use crate::tum::StampedPose;
-use nalgebra::Vector3;
+use crate::world::transform;
+use nalgebra::{Matrix3, Matrix6, Vector3};
+use skein_estimation::{Body, Transform, se3};
+use skein_proto::document::CovarianceDocument;
 
 /// One vehicle's true and estimated pose at one instant, both `world_from_body`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -89,6 +92,33 @@ pub fn score_team(instants: &[Vec<Option<Scored>>], space: Space) -> Option<Team
         instant_rmse_m: instant_squared.value().sqrt(),
         relative_rmse_m: relative_squared.value().sqrt(),
     })
+}
+
+/// A published covariance of a pose as a matrix: of a twist on the body's side, rotation (rad) before translation (m).
+/// None when the numbers are not as many as a triangle has.
+#[must_use]
+pub fn covariance_of(document: &CovarianceDocument) -> Option<Matrix6<f64>> {
+    let numbers = &document.body_twist_rotation_first;
+    let upper = (0..6).flat_map(|row| (row..6).map(move |column| (row, column)));
+    let mut matrix = Matrix6::zeros();
+    for ((row, column), number) in upper.zip(numbers) {
+        matrix[(row, column)] = *number;
+        matrix[(column, row)] = *number;
+    }
+    (numbers.len() == 21).then_some(matrix)
+}
+
+/// Squared error of a pose by its covariance, a degree of freedom: heading and two lengths, for what keeps to the floor.
+/// The covariance is of a twist on the body's side, rotation (rad) before translation (m). None when it has no inverse.
+#[must_use]
+pub fn planar_nees(estimate: &Pose, covariance: &Matrix6<f64>, truth: &Pose) -> Option<f64> {
+    /// Rotation about z, translation along x and y.
+    const PLANAR: [usize; 3] = [2, 3, 4];
+    let off: Transform<Body, Body> = transform(&(estimate.inverse() * truth));
+    let error = se3::log(&off);
+    let error = Vector3::from_fn(|row, _| error[PLANAR[row]]);
+    let covariance = Matrix3::from_fn(|row, column| covariance[(PLANAR[row], PLANAR[column])]);
+    Some(error.dot(&(covariance.try_inverse()? * error)) / PLANAR.len() as f64)
 }
 
 /// The absolute trajectory error of one estimated trajectory.

@@ -1,15 +1,17 @@
 //! Real robots flown again: a recording as the drivers of its robots would have brought it, and the score against
 //! motion capture. Truth gives the start poses and the score; the vehicles see nothing else of it.
 
+mod scoring;
+
+pub use scoring::{Flown, ReplayScore, Reported, RobotScore, Score};
+
 use crate::calibration::{CalibratedReading, Calibration, Readings};
-use crate::evaluation::{Scored, Space, TeamScore, score_team};
 use crate::fleet::pose_of;
 use crate::mrclam::{Recording, Subject};
 use crate::radio::{Radio, RadioSettings};
 use crate::stage::Stage;
 use crate::streams::Streams;
-use crate::truth::{Pose, yaw_rad};
-use crate::tum::StampedPose;
+use crate::truth::Pose;
 use crate::world::{Delivery, numbers, transform};
 use nalgebra::Point3;
 use serde::Serialize;
@@ -420,196 +422,11 @@ impl Stage for Recorded {
     }
 }
 
-/// Estimates of every robot over time, to be scored: `[instant][robot]` is when (since the zero) and where.
-#[derive(Clone, Debug, Default)]
-pub struct Flown {
-    instants: Vec<Vec<Option<(i64, Pose)>>>,
-}
-
-/// The scores of one flight.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct ReplayScore {
-    /// Of the estimates.
-    pub team: Score,
-    /// Of odometry alone at the same times.
-    pub dead_reckoning: Score,
-    /// One row a robot.
-    pub robots: Vec<RobotScore>,
-    /// How often the right robot was found, when identities were dropped.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub identities: Option<Assigned>,
-}
-
-/// The team's score.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Score {
-    /// Poses scored.
-    pub poses: usize,
-    /// RMSE of the position.
-    pub position_rmse_m: f64,
-    /// Mean of the position error.
-    pub position_mean_m: f64,
-    /// RMSE of the heading.
-    pub heading_rmse_rad: f64,
-    /// RMSE of the positions after the whole team is laid onto the truth at each instant.
-    pub instant_rmse_m: f64,
-    /// RMSE of each robot's position in each other's frame.
-    pub relative_rmse_m: f64,
-}
-
-/// One robot's score.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct RobotScore {
-    /// Its name.
-    pub robot: String,
-    /// RMSE of the position.
-    pub position_rmse_m: f64,
-    /// Mean of the position error.
-    pub position_mean_m: f64,
-    /// RMSE of the heading.
-    pub heading_rmse_rad: f64,
-    /// The same of odometry alone.
-    pub dead_reckoning_rmse_m: f64,
-}
-
-impl From<TeamScore> for Score {
-    fn from(score: TeamScore) -> Self {
-        Self {
-            poses: score.n_poses,
-            position_rmse_m: score.position_rmse_m,
-            position_mean_m: score.position_mean_m,
-            heading_rmse_rad: score.heading_rmse_rad,
-            instant_rmse_m: score.instant_rmse_m,
-            relative_rmse_m: score.relative_rmse_m,
-        }
-    }
-}
-
-impl Flown {
-    /// Adds the newest estimates of all robots at one instant.
-    pub fn push(&mut self, estimates: Vec<Option<(i64, Pose)>>) {
-        self.instants.push(estimates);
-    }
-
-    /// Scores everything against the truth of the recording; none when there is nothing to score.
-    #[must_use]
-    pub fn score(&self, recorded: &Recorded) -> Option<ReplayScore> {
-        let estimates = self.scored(recorded, |_, _, estimate| estimate);
-        let reckoned: Vec<Vec<Pose>> = (0..recorded.vehicles())
-            .map(|robot| self.reckon(recorded, robot))
-            .collect();
-        let odometry = self.scored(recorded, |instant, robot, _| reckoned[robot][instant]);
-        let robots = (0..recorded.vehicles()).map(|robot| {
-            let of = |all: &[Vec<Option<Scored>>]| robot_errors(all, robot);
-            let (position, heading) = of(&estimates);
-            let (by_odometry, _) = of(&odometry);
-            RobotScore {
-                robot: recorded.name(robot).to_string(),
-                position_rmse_m: root_mean_square(&position),
-                position_mean_m: position.iter().sum::<f64>() / position.len() as f64,
-                heading_rmse_rad: root_mean_square(&heading),
-                dead_reckoning_rmse_m: root_mean_square(&by_odometry),
-            }
-        });
-        Some(ReplayScore {
-            team: score_team(&estimates, Space::Planar)?.into(),
-            dead_reckoning: score_team(&odometry, Space::Planar)?.into(),
-            robots: robots.collect(),
-            identities: recorded.assigned(),
-        })
-    }
-
-    /// Odometry alone at the times of a robot's estimates; where it has none, at the time before.
-    fn reckon(&self, recorded: &Recorded, robot: usize) -> Vec<Pose> {
-        let mut last = 0;
-        let times: Vec<i64> = self
-            .instants
-            .iter()
-            .map(|estimates| {
-                last = estimates[robot].map_or(last, |(at_ns, _)| at_ns.max(last));
-                last
-            })
-            .collect();
-        recorded.dead_reckoning(robot, &times)
-    }
-
-    fn scored(
-        &self,
-        recorded: &Recorded,
-        of: impl Fn(usize, usize, Pose) -> Pose,
-    ) -> Vec<Vec<Option<Scored>>> {
-        let score = |instant: usize, robot: usize, estimate: &Option<(i64, Pose)>| {
-            let (at_ns, pose) = (*estimate)?;
-            let truth = recorded.truth(robot, at_ns)?;
-            Some(Scored {
-                truth,
-                estimate: of(instant, robot, pose),
-            })
-        };
-        let instants = self.instants.iter().enumerate();
-        instants
-            .map(|(instant, all)| {
-                all.iter()
-                    .enumerate()
-                    .map(|(robot, one)| score(instant, robot, one))
-                    .collect()
-            })
-            .collect()
-    }
-
-    /// Truth, estimate and odometry of one robot, in that order.
-    #[must_use]
-    pub fn trajectories(&self, recorded: &Recorded, robot: usize) -> [Vec<StampedPose>; 3] {
-        let mut tracks: [Vec<StampedPose>; 3] = Default::default();
-        let reckoned = self.reckon(recorded, robot);
-        for (estimates, reckoned) in self.instants.iter().zip(reckoned) {
-            let Some((at_ns, estimate)) = estimates[robot] else {
-                continue;
-            };
-            let time_s = (recorded.start_ns + at_ns) as f64 * 1e-9;
-            tracks[0].extend(
-                recorded
-                    .truth(robot, at_ns)
-                    .map(|pose| StampedPose { time_s, pose }),
-            );
-            tracks[1].push(StampedPose {
-                time_s,
-                pose: estimate,
-            });
-            tracks[2].push(StampedPose {
-                time_s,
-                pose: reckoned,
-            });
-        }
-        tracks
-    }
-}
-
-/// Position errors (m) and heading errors (rad) of one robot.
-fn robot_errors(all: &[Vec<Option<Scored>>], robot: usize) -> (Vec<f64>, Vec<f64>) {
-    let scored = all.iter().filter_map(|instant| instant[robot].as_ref());
-    scored
-        .map(|Scored { truth, estimate }| {
-            let apart = (truth.translation.vector - estimate.translation.vector)
-                .xy()
-                .norm();
-            (
-                apart,
-                crate::truth::wrapped_rad(yaw_rad(estimate) - yaw_rad(truth)),
-            )
-        })
-        .unzip()
-}
-
-fn root_mean_square(errors: &[f64]) -> f64 {
-    (errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64).sqrt()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::datasets;
-    use crate::fleet::{Fleet, pose_of};
+    use crate::fleet::Fleet;
 
     fn fly(readings: Readings) -> Option<ReplayScore> {
         let recording = datasets::read_mrclam(&datasets::find("mrclam6")?).unwrap();
@@ -620,11 +437,7 @@ mod tests {
         let mut at_ns = 0;
         while at_ns <= end_ns {
             fleet.run_until(at_ns + 1);
-            let newest = |robot| {
-                let estimate = fleet.estimate(robot)?;
-                let at_ns = fleet.stage().time_ns(robot, estimate.taken_ns);
-                Some((at_ns, pose_of(estimate.pose.as_ref()?)))
-            };
+            let newest = |robot| Reported::of(fleet.estimate(robot)?, fleet.stage(), robot);
             flown.push((0..fleet.len()).map(newest).collect());
             at_ns += PERIOD_NS;
         }

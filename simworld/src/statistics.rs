@@ -105,6 +105,17 @@ pub(crate) fn mean_and_stderr(values: impl Iterator<Item = f64> + Clone) -> (f64
     (mean, (variance / n).sqrt())
 }
 
+/// The ratio of the sums of two lists, of which the nth numbers are of one repetition, and its standard error (delta
+/// method). With counts below, it is a mean over groups of different size.
+pub(crate) fn ratio_and_stderr(above: &[f64], below: &[f64]) -> (f64, f64) {
+    let n = above.len().min(below.len()) as f64;
+    let whole = below.iter().sum::<f64>();
+    let ratio = above.iter().sum::<f64>() / whole;
+    let off = above.iter().zip(below);
+    let off = off.map(|(above, below)| (above - ratio * below).powi(2));
+    (ratio, (off.sum::<f64>() * n / (n - 1.0)).sqrt() / whole)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -141,6 +152,17 @@ mod tests {
         assert!((summary.norm_of_mean_m - 8_f64.sqrt()).abs() < 1e-12);
         assert!((summary.mean_orientation_rad - 0.1).abs() < 1e-12);
         assert_eq!(ErrorSummary::of(&[error(1.0, 0.0, 0.0)]), None);
+    }
+
+    #[test]
+    fn a_ratio_of_sums_is_as_uncertain_as_repetitions_differ_in_it() {
+        let (mean, stderr) = ratio_and_stderr(&[1.0, 3.0, 8.0], &[1.0, 1.0, 1.0]);
+        assert_eq!((mean, stderr), mean_and_stderr([1.0, 3.0, 8.0].into_iter()));
+        // Where all have one ratio there is no doubt, however large they are.
+        assert_eq!(ratio_and_stderr(&[2.0, 6.0], &[1.0, 3.0]), (2.0, 0.0));
+        // 2, off by 1 - 2 and 5 - 4: sqrt(2 * 2) / 3.
+        let (ratio, stderr) = ratio_and_stderr(&[1.0, 5.0], &[1.0, 2.0]);
+        assert!((ratio - 2.0).abs() < 1e-12 && (stderr - 2.0 / 3.0).abs() < 1e-12);
     }
 
     #[test]

@@ -1,21 +1,23 @@
 //! Mode `team`: what everybody told of itself, this vehicle included, handed to the team estimator. Raw information only;
 //! nobody's estimate.
 
+mod teller;
+mod telling;
+
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use nalgebra::Matrix6;
 use skein_estimation::cooperative::team::{Moment, Observation, Report, Settings, Team, Unused};
-use skein_estimation::odometry::{Gap, OdometryPoint};
+use skein_estimation::odometry::OdometryPoint;
 use skein_estimation::time::{Span, Stamp};
 use skein_estimation::{Body, Sensor, Transform, VehicleId, World};
-use skein_proto::document::{NoiseScales, TeamHealth, TeamMemberHealth};
 use skein_proto::fixed::Fixed;
 use skein_proto::measured::Measured;
 use skein_proto::name::Name;
 use skein_proto::record::Addressed;
 
 use crate::clock::PeerStamp;
-use crate::dead_reckoning::{DeadReckoning, motion};
+use crate::dead_reckoning::DeadReckoning;
 use crate::gathering::{AT_THE_INSTANT, INTERPOLATED_ACCELERATION_M_S2};
 use crate::heard_rounds::{HeardAnchor, HeardRound};
 use crate::neighbours::{Boot, Neighbours};
@@ -23,6 +25,7 @@ use crate::refused::Refused;
 use crate::rounds::Round;
 use crate::told_pose::ToldPose;
 use crate::translate::{self, Sighting};
+use teller::{NoEnds, Teller};
 
 /// Rounds that are looked through for what is of use: as long as the window keeps its poses while nobody is heard.
 const ROUNDS_BACK_MAX: i64 = 60;
@@ -71,17 +74,6 @@ struct Life {
     done: Done,
 }
 
-/// Somebody who told rounds.
-struct Teller<'a> {
-    name: Option<Name>,
-    id: VehicleId,
-    /// None for this vehicle.
-    boot: Option<&'a Boot>,
-    /// Its rounds of late, in order, with their instants on our clock.
-    rounds: Vec<(Stamp, &'a HeardRound)>,
-    body_from_target: Transform<Body, Sensor>,
-}
-
 /// What a round is smoothed from.
 pub(crate) struct Told<'a> {
     pub(crate) round: &'a Round,
@@ -101,13 +93,6 @@ pub(crate) struct Smoothed {
     pub(crate) quarantined: Vec<Name>,
     /// Of whom a hash is.
     pub(crate) names: BTreeMap<VehicleId, Name>,
-}
-
-/// Why a measurement has no ends.
-enum NoEnds {
-    /// What is missing may still come; if it does not, this is why.
-    NotYet(Refused),
-    Never(Refused),
 }
 
 impl Smoothing {
@@ -323,6 +308,9 @@ impl Smoothing {
         }
         let is_known = |name: &Name| told.neighbours.get(*name).is_some();
         self.lives.retain(|name, _| is_known(name));
+        let of_somebody =
+            |id: &VehicleId| *id == self.me || self.lives.keys().any(|name| name.hash() == id.0);
+        self.found.retain(|id, _| of_somebody(id));
     }
 
     /// This vehicle joins: where it was told to be, or where it was placed, of which nothing is known but that. It then
@@ -368,51 +356,6 @@ impl Smoothing {
             self.own_rounds
                 .retain(|round| instant(&round) >= point.taken);
         }
-    }
-
-    fn tellers<'a>(
-        &self,
-        told: &Told<'a>,
-        own_rounds: &'a VecDeque<HeardRound>,
-    ) -> Vec<Teller<'a>> {
-        let since = told.round.instant - self.period * ROUNDS_BACK_MAX;
-        let until = told.round.instant + share(self.period, ROUND_SHARE_MAX);
-        let own = own_rounds.iter().filter_map(|round| {
-            let instant = round.instant.on_its_own_clock();
-            (instant <= told.round.instant).then_some((instant, round))
-        });
-        let mut tellers = vec![Teller {
-            name: None,
-            id: self.me,
-            boot: None,
-            rounds: own.collect(),
-            body_from_target: told.body_from_target,
-        }];
-        for (name, neighbour) in told.neighbours.iter() {
-            let Some(boot) = neighbour.usable() else {
-                continue;
-            };
-            let mut rounds: Vec<(Stamp, &HeardRound)> = Vec::new();
-            for round in boot.rounds.iter() {
-                let Some(mine) = boot.clock.to_mine(round.instant) else {
-                    continue;
-                };
-                let is_apart = rounds
-                    .last()
-                    .is_none_or(|(last, _)| mine - *last >= share(self.period, ROUND_SHARE_MIN));
-                if round.growth_known && mine >= since && mine <= until && is_apart {
-                    rounds.push((mine, round));
-                }
-            }
-            tellers.push(Teller {
-                name: Some(name),
-                id: VehicleId(name.hash()),
-                boot: Some(boot),
-                rounds,
-                body_from_target: boot.body_from_target,
-            });
-        }
-        tellers
     }
 
     fn located(&self, tellers: &[Teller<'_>]) -> usize {
@@ -631,118 +574,6 @@ impl Smoothing {
         let observation = translate::fixed(fixed).map_err(NoEnds::Never)?;
         let nth = u8::try_from(nth).unwrap_or(u8::MAX);
         self.team.fixed(at, nth, &observation).map_err(NoEnds::of)
-    }
-
-    /// How uncertain the own orientation is (rad): root of the sum of its variances about the three axes.
-    pub(crate) fn rotation_sigma_rad(&self) -> Option<f64> {
-        self.sigma(0)
-    }
-
-    /// The root of the sum of three variances of the own pose, from a row on.
-    fn sigma(&self, from: usize) -> Option<f64> {
-        let covariance = &self.team.own()?.covariance;
-        let sum: f64 = (from..from + 3).map(|axis| covariance[(axis, axis)]).sum();
-        Some(sum.sqrt()).filter(|sigma| sigma.is_finite())
-    }
-
-    /// What the health says of the estimator.
-    pub(crate) fn to_document(&self) -> TeamHealth {
-        let (scales, counted) = (self.team.scales(), self.team.statistics());
-        TeamHealth {
-            noise_scales: NoiseScales {
-                odometry_rotation: scales.odometry.rotation(),
-                odometry_translation: scales.odometry.translation(),
-                measurement_rotation: scales.measurement.rotation(),
-                measurement_translation: scales.measurement.translation(),
-            },
-            lag_rounds: counted.lag_rounds,
-            poses: counted.poses,
-            members: counted.members,
-            edges: counted.edges,
-            new_edges: self.last.verdicts.len() as u64,
-            gated: self
-                .last
-                .verdicts
-                .iter()
-                .filter(|verdict| verdict.failed_gate)
-                .count() as u64,
-            gated_total: counted.gated_total,
-            edges_total: counted.edges_total,
-            left_out: counted.left_out,
-            evicted: counted.evicted,
-            restarts: self.restarts,
-            position_sigma_m: self.sigma(3),
-            rotation_sigma_rad: self.rotation_sigma_rad(),
-        }
-    }
-
-    /// What it thinks of a neighbour: its health, and whether it is in quarantine.
-    pub(crate) fn member(&self, name: Name) -> Option<(TeamMemberHealth, bool)> {
-        let member = self.team.member(VehicleId(name.hash()))?;
-        let document = TeamMemberHealth {
-            doubted_share: member.doubted_share,
-            odometry_ratio: member.odometry_ratio,
-            gyro_bias_rad_s: member.gyro_bias_rad_s.map(|turned| -turned),
-            odometer_scale: member.odometer_scale,
-            odometry_liar: member.odometry_lies,
-        };
-        Some((document, member.quarantined))
-    }
-}
-
-impl Teller<'_> {
-    const fn moment(&self, instant: Stamp, round: &HeardRound) -> Moment {
-        Moment {
-            vehicle: self.id,
-            instant,
-            point: round.point,
-        }
-    }
-
-    /// `body@moment_from_body@taken`.
-    fn moved(
-        &self,
-        moment: &Moment,
-        taken: Stamp,
-        reckoning: &DeadReckoning,
-    ) -> Result<Transform<Body, Body>, NoEnds> {
-        if (taken - moment.instant).abs() <= AT_THE_INSTANT {
-            return Ok(Transform::identity());
-        }
-        let at = match self.boot {
-            None => reckoning.near(taken),
-            Some(boot) => {
-                let peer = boot.clock.to_peer(taken);
-                boot.odometry_at(peer.ok_or(NoEnds::Never(Refused::ClockUnknown))?)
-            }
-        };
-        match at {
-            Ok(at) => motion(&moment.point, &at).ok_or(NoEnds::Never(Refused::NoOdometry)),
-            Err(Gap::NotYet) => Err(NoEnds::NotYet(Refused::NoOdometry)),
-            Err(Gap::Before | Gap::Interrupted) => Err(NoEnds::Never(Refused::NoOdometry)),
-        }
-    }
-}
-
-impl NoEnds {
-    const fn of(unused: Unused) -> Self {
-        match unused {
-            Unused::Unlocated => Self::NotYet(Refused::NoPrior),
-            Unused::Interrupted => Self::NotYet(Refused::NoOdometry),
-            Unused::TooLate => Self::Never(Refused::TooLate),
-            Unused::Counted => Self::Never(Refused::Duplicate),
-            Unused::LeftOut | Unused::Full => Self::Never(Refused::Full),
-            Unused::Quarantined => Self::Never(Refused::Quarantined),
-            Unused::SameVehicle => Self::Never(Refused::NotForMe),
-            Unused::Unusable => Self::Never(Refused::NoOdometry),
-        }
-    }
-
-    /// What is counted of a measurement of which nothing comes.
-    fn refused(self) -> Refused {
-        match self {
-            Self::NotYet(why) | Self::Never(why) => why,
-        }
     }
 }
 

@@ -1,8 +1,6 @@
 //! A grid of small charts over time, each with a few traces: how the figures of errors of Cognetti et al. look.
 
-use super::{
-    BACKGROUND, FONT, LEGEND_LINE, PIXEL, PlotError, colour, drawing, in_pixels, largest, legend,
-};
+use super::{FONT, LEGEND_LINE, PIXEL, PlotError, colour, drawing, largest, legend, titled};
 use plotters::prelude::*;
 
 /// A value over time.
@@ -40,15 +38,7 @@ pub fn panels(title: &str, columns: usize, panels: &[Panel]) -> Result<String, P
     };
     let until_s = largest(points().map(|point| point.0))?;
     let (width, height) = (1200 * PIXEL, (250 * rows as u32 + 40) * PIXEL);
-    let mut svg = String::new();
-    {
-        let root = SVGBackend::with_string(&mut svg, (width, height)).into_drawing_area();
-        root.fill(&BACKGROUND).map_err(drawing)?;
-        let (heading, below) = root.split_vertically(40 * PIXEL);
-        heading
-            .margin(8 * PIXEL, 0, 0, 0)
-            .titled(title, (FONT, 22 * PIXEL))
-            .map_err(drawing)?;
+    titled(title, (width, height), |below| {
         for (area, panel) in below.split_evenly((rows, columns)).iter().zip(panels) {
             let (low, high) = panel.shown;
             let mut chart = ChartBuilder::on(area)
@@ -91,9 +81,8 @@ pub fn panels(title: &str, columns: usize, panels: &[Panel]) -> Result<String, P
             }
             legend(&mut chart, SeriesLabelPosition::UpperRight)?;
         }
-        root.present().map_err(drawing)?;
-    }
-    Ok(in_pixels(&svg))
+        Ok(())
+    })
 }
 
 #[cfg(test)]

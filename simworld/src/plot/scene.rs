@@ -1,7 +1,7 @@
 //! What one vehicle believes about the places of others, seen from above: clouds of likely places, what is held, and what
 //! is true.
 
-use super::{BACKGROUND, FONT, PIXEL, PlotError, colour, drawing, equal_scale, in_pixels, range};
+use super::{Area, FONT, PIXEL, PlotError, colour, drawing, equal_scale, range, titled};
 use plotters::prelude::*;
 
 /// One vehicle in a scene; x ahead and y left of the observer, metres.
@@ -33,25 +33,14 @@ const SHOWN_M: f64 = 12.0;
 pub fn scenes(title: &str, scenes: &[Scene]) -> Result<String, PlotError> {
     let side = 560 * PIXEL;
     let count = scenes.len().max(1);
-    let mut svg = String::new();
-    {
-        let size = (side * count as u32, side + 40 * PIXEL);
-        let root = SVGBackend::with_string(&mut svg, size).into_drawing_area();
-        root.fill(&BACKGROUND).map_err(drawing)?;
-        let (heading, below) = root.split_vertically(40 * PIXEL);
-        heading
-            .margin(8 * PIXEL, 0, 0, 0)
-            .titled(title, (FONT, 20 * PIXEL))
-            .map_err(drawing)?;
+    let size = (side * count as u32, side + 40 * PIXEL);
+    titled(title, size, |below| {
         for (area, scene) in below.split_evenly((1, count)).iter().zip(scenes) {
             draw(area, scene)?;
         }
-        root.present().map_err(drawing)?;
-    }
-    Ok(in_pixels(&svg))
+        Ok(())
+    })
 }
-
-type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
 
 fn draw(area: &Area<'_>, scene: &Scene) -> Result<(), PlotError> {
     // What is farther is drawn where it would cross the edge.

@@ -10,9 +10,11 @@ use indicatif::{ProgressBar, ProgressStyle};
 use miette::{IntoDiagnostic, WrapErr, miette};
 use skein_simworld::calibration::{Calibration, Readings};
 use skein_simworld::datasets;
-use skein_simworld::fleet::{Fleet, pose_of};
+use skein_simworld::fleet::Fleet;
 use skein_simworld::plot::{self, Path, PathKind};
-use skein_simworld::recorded::{Assigned, Flown, Identities, Recorded, ReplayScore, Score};
+use skein_simworld::recorded::{
+    Assigned, Flown, Identities, Recorded, ReplayScore, Reported, Score,
+};
 use skein_simworld::stage::Stage;
 use skein_simworld::tum::{self, StampedPose};
 use std::fmt::Write;
@@ -150,13 +152,7 @@ fn fly_virtually(recorded: Recorded, end_ns: i64, progress: &ProgressBar) -> (Fl
     let mut at_ns = 0;
     while at_ns <= end_ns {
         fleet.run_until(at_ns + 1);
-        let newest = |robot| {
-            let estimate = fleet.estimate(robot)?;
-            Some((
-                fleet.stage().time_ns(robot, estimate.taken_ns),
-                pose_of(estimate.pose.as_ref()?),
-            ))
-        };
+        let newest = |robot| Reported::of(fleet.estimate(robot)?, fleet.stage(), robot);
         flown.push((0..fleet.len()).map(newest).collect());
         progress.set_position((at_ns / 1_000_000_000).unsigned_abs());
         at_ns += fleet.stage().period_ns();
@@ -237,9 +233,7 @@ fn fly_live(
         let wait = clock.real_time(zero + Span::from_nanos(at_ns) - clock.now());
         std::thread::sleep(wait);
         let newest = |(robot, agent): (usize, &Agent)| {
-            let estimate = agent.latest_estimate()?;
-            let at_ns = recorded.time_ns(robot, estimate.document.taken_ns);
-            Some((at_ns, pose_of(estimate.document.pose.as_ref()?)))
+            Reported::of(&agent.latest_estimate()?.document, &recorded, robot)
         };
         flown.push(agents.iter().enumerate().map(newest).collect());
         progress.set_position((at_ns / 1_000_000_000).unsigned_abs());
@@ -321,6 +315,12 @@ fn table(score: &ReplayScore) -> String {
         let _ = writeln!(
             text,
             "{label:<15} {position_rmse_m:>15.3} {position_mean_m:>7.3} {heading_rmse_rad:>17.3} {instant_rmse_m:>10.3} {relative_rmse_m:>11.3}"
+        );
+    }
+    if let (Some(own), Some(relative)) = (score.nees, score.relative_nees) {
+        let _ = writeln!(
+            text,
+            "\nNEES a degree of freedom (one when the covariance means it): own pose {own:.2}, where the others are {relative:.2}"
         );
     }
     text

@@ -188,7 +188,7 @@ const fn trouble(name: &'static str, trouble: Trouble, asked: Asked) -> Cell {
 }
 
 /// All cells, in the order of the table.
-pub const CELLS: [Cell; 38] = [
+pub const CELLS: [Cell; 40] = [
     team("pose-2", 2, honest(1.02)),
     team("pose-3", 3, honest(1.02)),
     team("pose-5", 5, honest(1.02)),
@@ -275,6 +275,14 @@ pub const CELLS: [Cell; 38] = [
         },
     ),
     trouble("biased", Trouble::Biased, at_most(1.05)),
+    Cell {
+        robots: 2,
+        ..trouble("biased-2", Trouble::Biased, BASE.asked)
+    },
+    Cell {
+        sensing: Sensing::All(Kind::Distance),
+        ..trouble("biased-distance", Trouble::Biased, BASE.asked)
+    },
     trouble("correlated", Trouble::Correlated, BASE.asked),
     trouble("correlated-stated", Trouble::CorrelatedStated, BASE.asked),
     trouble("lying-odometry", Trouble::LyingOdometry, at_most(1.1)),
