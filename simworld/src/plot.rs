@@ -1,11 +1,15 @@
 //! Plots as SVG text: error curves against time in the form of the paper's figures 3 and 4, paths in the plane, and bars.
 //! Writing the text to a file is the caller's.
 
+mod bars;
 mod panels;
 mod scene;
+mod sweep;
 
+pub use bars::{Bar, BarGroup, bars};
 pub use panels::{Panel, Trace, panels};
 pub use scene::{Scene, Spot, scenes};
+pub use sweep::{Line, Sweep, sweeps};
 
 use plotters::prelude::*;
 use std::ops::Range;
@@ -57,26 +61,6 @@ pub struct Path {
     pub points_m: Vec<(f64, f64)>,
 }
 
-/// Bars that stand together.
-#[derive(Clone, Debug, PartialEq)]
-pub struct BarGroup {
-    /// What stands below it; its words may stand below each other.
-    pub label: String,
-    /// The bars, from left to right; bars of one label have one colour in all groups.
-    pub bars: Vec<Bar>,
-}
-
-/// One bar.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Bar {
-    /// What the legend calls it.
-    pub label: String,
-    /// Its height.
-    pub height: f64,
-    /// The standard error of its height, drawn as a whisker.
-    pub stderr: f64,
-}
-
 const BACKGROUND: RGBColor = WHITE;
 const FONT: &str = "sans-serif";
 
@@ -94,6 +78,32 @@ const COLOURS: [RGBColor; 7] = [
     RGBColor(110, 80, 40),
 ];
 
+/// Height of the title.
+const HEADING: u32 = 40 * PIXEL;
+
+type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
+
+/// A drawing of so many units with its title; `draw` fills what is below that.
+fn titled(
+    title: &str,
+    size: (u32, u32),
+    draw: impl FnOnce(&Area<'_>) -> Result<(), PlotError>,
+) -> Result<String, PlotError> {
+    let mut svg = String::new();
+    {
+        let root = SVGBackend::with_string(&mut svg, size).into_drawing_area();
+        root.fill(&BACKGROUND).map_err(drawing)?;
+        let (heading, below) = root.split_vertically(HEADING);
+        heading
+            .margin(8 * PIXEL, 0, 0, 0)
+            .titled(title, (FONT, 22 * PIXEL))
+            .map_err(drawing)?;
+        draw(&below)?;
+        root.present().map_err(drawing)?;
+    }
+    Ok(in_pixels(&svg))
+}
+
 fn colour(index: usize) -> RGBColor {
     COLOURS[index % COLOURS.len()]
 }
@@ -110,16 +120,7 @@ pub fn error_curves(title: &str, curves: &[ErrorCurve]) -> Result<String, PlotEr
         ("mean of |e| (\"bias\"), m", |point| point.mean_norm_m),
         ("standard deviation, m", |point| point.std_m),
     ];
-    let mut svg = String::new();
-    {
-        let root =
-            SVGBackend::with_string(&mut svg, (860 * PIXEL, 760 * PIXEL)).into_drawing_area();
-        root.fill(&BACKGROUND).map_err(drawing)?;
-        let (heading, below) = root.split_vertically(40 * PIXEL);
-        heading
-            .margin(8 * PIXEL, 0, 0, 0)
-            .titled(title, (FONT, 22 * PIXEL))
-            .map_err(drawing)?;
+    titled(title, (860 * PIXEL, 760 * PIXEL), |below| {
         for (area, (name, value)) in below.split_evenly((2, 1)).iter().zip(panels) {
             let highest = largest(points().map(value))?;
             let mut chart = ChartBuilder::on(area)
@@ -155,9 +156,8 @@ pub fn error_curves(title: &str, curves: &[ErrorCurve]) -> Result<String, PlotEr
             }
             legend(&mut chart, SeriesLabelPosition::UpperLeft)?;
         }
-        root.present().map_err(drawing)?;
-    }
-    Ok(in_pixels(&svg))
+        Ok(())
+    })
 }
 
 /// Paths in the plane, to one scale in both directions. Fails when a number is not finite or there is nothing to draw.
@@ -165,24 +165,16 @@ pub fn paths(title: &str, paths: &[Path]) -> Result<String, PlotError> {
     let points = || paths.iter().flat_map(|path| &path.points_m);
     let (width, height) = (860 * PIXEL, 700 * PIXEL);
     let (left, bottom) = (58 * PIXEL, 44 * PIXEL);
-    let (margin, heading) = (12 * PIXEL, 40 * PIXEL);
+    let margin = 12 * PIXEL;
     let drawn_width = width - left - 2 * margin;
-    let drawn_height = height - bottom - heading - 2 * margin;
+    let drawn_height = height - bottom - HEADING - 2 * margin;
     let (x, y) = equal_scale(
         range(points().map(|point| point.0))?,
         range(points().map(|point| point.1))?,
         f64::from(drawn_width) / f64::from(drawn_height),
     );
-    let mut svg = String::new();
-    {
-        let root = SVGBackend::with_string(&mut svg, (width, height)).into_drawing_area();
-        root.fill(&BACKGROUND).map_err(drawing)?;
-        let (title_area, below) = root.split_vertically(heading);
-        title_area
-            .margin(8 * PIXEL, 0, 0, 0)
-            .titled(title, (FONT, 22 * PIXEL))
-            .map_err(drawing)?;
-        let mut chart = ChartBuilder::on(&below)
+    titled(title, (width, height), |below| {
+        let mut chart = ChartBuilder::on(below)
             .margin(margin)
             .set_label_area_size(LabelAreaPosition::Left, left)
             .set_label_area_size(LabelAreaPosition::Bottom, bottom)
@@ -225,112 +217,8 @@ pub fn paths(title: &str, paths: &[Path]) -> Result<String, PlotError> {
                 .map_err(drawing)?;
         }
         legend(&mut chart, SeriesLabelPosition::UpperRight)?;
-        root.present().map_err(drawing)?;
-    }
-    Ok(in_pixels(&svg))
-}
-
-/// Groups of bars with their standard errors and their heights as numbers. What is higher than `top` is cut there. Fails
-/// when a number is not finite or there is nothing to draw.
-pub fn bars(title: &str, groups: &[BarGroup], top: f64) -> Result<String, PlotError> {
-    let all = || groups.iter().flat_map(|group| &group.bars);
-    largest(all().flat_map(|bar| [bar.height, bar.stderr]))?;
-    let top = positive(top);
-    let mut labels: Vec<&str> = Vec::new();
-    for bar in all() {
-        if !labels.contains(&bar.label.as_str()) {
-            labels.push(&bar.label);
-        }
-    }
-    let small = || (FONT, 12 * PIXEL).into_font();
-    let mut svg = String::new();
-    {
-        let root =
-            SVGBackend::with_string(&mut svg, (1100 * PIXEL, 460 * PIXEL)).into_drawing_area();
-        root.fill(&BACKGROUND).map_err(drawing)?;
-        let (heading, below) = root.split_vertically(40 * PIXEL);
-        heading
-            .margin(8 * PIXEL, 0, 0, 0)
-            .titled(title, (FONT, 22 * PIXEL))
-            .map_err(drawing)?;
-        let mut chart = ChartBuilder::on(&below)
-            .margin(12 * PIXEL)
-            .margin_bottom(52 * PIXEL)
-            .set_label_area_size(LabelAreaPosition::Left, 44 * PIXEL)
-            .build_cartesian_2d(0.0..groups.len() as f64, 0.0..top * 1.15)
-            .map_err(drawing)?;
-        chart
-            .configure_mesh()
-            .disable_x_mesh()
-            .disable_x_axis()
-            .light_line_style(TRANSPARENT)
-            .bold_line_style(RGBColor(210, 210, 210).stroke_width(PIXEL))
-            .axis_style(RGBColor(60, 60, 60).stroke_width(PIXEL))
-            .label_style((FONT, 15 * PIXEL))
-            .draw()
-            .map_err(drawing)?;
-        let width = 0.84 / labels.len().max(1) as f64;
-        for (index, label) in labels.iter().enumerate() {
-            let style = colour(index);
-            let places = groups.iter().enumerate().filter_map(|(nth, group)| {
-                let bar = group.bars.iter().find(|bar| bar.label == **label)?;
-                Some((nth as f64 + 0.08 + width * index as f64, bar))
-            });
-            let places: Vec<(f64, &Bar)> = places.collect();
-            let drawn = places.iter().map(|(left, bar)| {
-                let corner = (left + 0.9 * width, bar.height.min(top));
-                Rectangle::new([(*left, 0.0), corner], style.filled())
-            });
-            chart
-                .draw_series(drawn)
-                .map_err(drawing)?
-                .label(*label)
-                .legend(move |(x, y)| {
-                    PathElement::new(
-                        [(x, y), (x + LEGEND_LINE, y)],
-                        style.stroke_width(8 * PIXEL),
-                    )
-                });
-            let whisker = |(left, bar): &(f64, &Bar)| {
-                let middle = left + 0.45 * width;
-                let (low, high) = (bar.height - bar.stderr, bar.height + bar.stderr);
-                let ends = [low, high].map(|end| (middle, end.min(top)));
-                PathElement::new(ends, BLACK.stroke_width(PIXEL))
-            };
-            let whiskers = places
-                .iter()
-                .filter(|(_, bar)| bar.height < top)
-                .map(whisker);
-            chart.draw_series(whiskers).map_err(drawing)?;
-            let upright = small().transform(FontTransform::Rotate270).color(&BLACK);
-            let numbers = places.iter().map(|(left, bar)| {
-                let above = (bar.height + bar.stderr).min(top) + 0.012 * top;
-                // Turned text hangs at its left from the point given.
-                Text::new(
-                    format!("{:.2}", bar.height),
-                    (left + 0.1 * width, above),
-                    upright.clone(),
-                )
-            });
-            chart.draw_series(numbers).map_err(drawing)?;
-        }
-        for (nth, group) in groups.iter().enumerate() {
-            let (x, y) = chart.backend_coord(&(nth as f64 + 0.5, 0.0));
-            for (line, words) in lines(&group.label).into_iter().enumerate() {
-                let centred = small()
-                    .color(&BLACK)
-                    .pos(plotters::style::text_anchor::Pos::new(
-                        plotters::style::text_anchor::HPos::Center,
-                        plotters::style::text_anchor::VPos::Top,
-                    ));
-                let at = (x, y + (6 + 13 * line as i32) * PIXEL as i32);
-                root.draw(&Text::new(words, at, centred)).map_err(drawing)?;
-            }
-        }
-        legend(&mut chart, SeriesLabelPosition::UpperRight)?;
-        root.present().map_err(drawing)?;
-    }
-    Ok(in_pixels(&svg))
+        Ok(())
+    })
 }
 
 /// A value over rounds, of several cells, with the band in which it should be. The axis of values is logarithmic. Fails
@@ -347,19 +235,10 @@ pub fn banded(
     }
     let rounds = curves.iter().map(|(_, values)| values.len()).max();
     let rounds = positive(rounds.unwrap_or_default() as f64);
-    let mut svg = String::new();
-    {
-        let root =
-            SVGBackend::with_string(&mut svg, (1100 * PIXEL, 460 * PIXEL)).into_drawing_area();
-        root.fill(&BACKGROUND).map_err(drawing)?;
-        let (heading, below) = root.split_vertically(40 * PIXEL);
-        heading
-            .margin(8 * PIXEL, 0, 0, 0)
-            .titled(title, (FONT, 22 * PIXEL))
-            .map_err(drawing)?;
+    titled(title, (1100 * PIXEL, 460 * PIXEL), |below| {
         // The axis is one of logarithms, to base ten; its labels are powers.
         let axis = values.start.log10() - 0.1..values.end.log10() + 0.3;
-        let mut chart = ChartBuilder::on(&below)
+        let mut chart = ChartBuilder::on(below)
             .margin(12 * PIXEL)
             .margin_right(24 * PIXEL)
             .set_label_area_size(LabelAreaPosition::Left, 58 * PIXEL)
@@ -394,9 +273,8 @@ pub fn banded(
                 .legend(move |(x, y)| PathElement::new([(x, y), (x + LEGEND_LINE, y)], style));
         }
         legend(&mut chart, SeriesLabelPosition::UpperRight)?;
-        root.present().map_err(drawing)?;
-    }
-    Ok(in_pixels(&svg))
+        Ok(())
+    })
 }
 
 /// Drawings of this module below each other, as one.
@@ -416,22 +294,6 @@ pub fn stacked(drawings: &[String]) -> String {
     format!(
         "<svg width=\"{width}\" height=\"{height}\" xmlns=\"http://www.w3.org/2000/svg\">\n{inner}</svg>\n"
     )
-}
-
-/// A label in lines that fit below a group of bars.
-fn lines(label: &str) -> Vec<String> {
-    const LETTERS_MAX: usize = 12;
-    let mut lines: Vec<String> = Vec::new();
-    for word in label.split(' ') {
-        match lines.last_mut() {
-            Some(line) if line.len() + 1 + word.len() <= LETTERS_MAX => {
-                line.push(' ');
-                line.push_str(word);
-            }
-            _ => lines.push(word.to_owned()),
-        }
-    }
-    lines
 }
 
 /// The same drawing, its size given in pixels; its coordinates keep their finer unit.
@@ -653,40 +515,6 @@ mod tests {
                     && wide_y.end >= y.end
             );
         }
-    }
-
-    #[test]
-    fn bars_carry_their_heights_as_numbers_also_where_they_are_cut() {
-        let bar = |label: &str, height: f64| Bar {
-            label: label.to_owned(),
-            height,
-            stderr: 0.02,
-        };
-        let groups = [
-            BarGroup {
-                label: "clean".into(),
-                bars: vec![bar("paper", 0.28), bar("star", 0.22)],
-            },
-            BarGroup {
-                label: "gross outliers, blackout".into(),
-                bars: vec![bar("paper", 8.89), bar("star", 1.43)],
-            },
-        ];
-        let svg = bars("Which mode?", &groups, 2.0).unwrap();
-        keep("bars.svg", &svg);
-        for text in ["0.28", "0.22", "8.89", "1.43", "outliers,", "blackout"] {
-            assert_eq!(svg.matches(&format!("\n{text}\n")).count(), 1, "{text}");
-        }
-        let RGBColor(red, green, blue) = colour(1);
-        let fill = format!("fill=\"#{red:02X}{green:02X}{blue:02X}\"");
-        assert_eq!(svg.matches(&fill).count(), 2, "a bar in each group");
-        assert_eq!(lines("20 % of 3-10 sigma"), ["20 % of 3-10", "sigma"]);
-        assert!(bars("nothing", &[], 1.0).is_err());
-        let broken = [BarGroup {
-            label: "clean".into(),
-            bars: vec![bar("paper", f64::NAN)],
-        }];
-        assert!(bars("broken", &broken, 1.0).is_err());
     }
 
     #[test]

@@ -87,6 +87,11 @@ fn the_commands_for_a_test_bed_and_for_research_work() {
                 let text = run(&command, &["--samples", "2"], &folder);
                 assert!(text.contains("deg"), "{text}");
             }
+            "experiment" if command.ends_with("--study errors") => {
+                let text = run(&command, &["--samples", "2"], &folder);
+                assert!(text.contains("over its recursive bound"), "{text}");
+                assert!(folder.join("out/ranging/errors.svg").exists());
+            }
             "experiment" if words[1] == "ranging" => {
                 let few = ["--samples", "2", "--rounds", "50"];
                 let text = run(&command, &few, &folder);

@@ -6,6 +6,7 @@ use skein_estimation::{Body, Transform, World as WorldFrame, se3};
 use skein_proto::document::{CovarianceDocument, NeighbourHealth};
 use skein_proto::name::Name;
 use skein_proto::status::Status;
+use skein_simworld::evaluation::covariance_of;
 use skein_simworld::fleet::Fleet;
 use skein_simworld::radio::Radio;
 use skein_simworld::scenario::Scenario;
@@ -49,16 +50,9 @@ pub fn neighbour<'a, S: Stage>(
 /// The covariance that a vehicle published of its own pose.
 fn covariance<S: Stage>(fleet: &Fleet<S>, vehicle: usize) -> Matrix6<f64> {
     let estimate = fleet.estimate(vehicle).expect("it has published");
-    let CovarianceDocument {
-        body_twist_rotation_first: numbers,
-    } = estimate.covariance.as_ref().expect("it is in mode `team`");
-    let mut matrix = Matrix6::zeros();
-    let upper = (0..6).flat_map(|row| (row..6).map(move |column| (row, column)));
-    for ((row, column), number) in upper.zip(numbers) {
-        matrix[(row, column)] = *number;
-        matrix[(column, row)] = *number;
-    }
-    matrix
+    let covariance = estimate.covariance.as_ref();
+    let covariance = covariance.and_then(covariance_of);
+    covariance.expect("it is in mode `team`")
 }
 
 /// Normalised squared error of what a vehicle published of itself, per degree of freedom: one when it means it.

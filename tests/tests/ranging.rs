@@ -1,11 +1,13 @@
 //! Vehicles that measure distances and nothing else: production vehicles and codec, in virtual time.
 
 use skein_proto::document::{EstimateDocument, Permit, RangingStatus};
+use skein_proto::frame::Frame;
 use skein_proto::status::Status;
 use skein_simworld::fleet::{Fleet, pose_of};
 use skein_simworld::scenario::{Scenario, Start};
 use skein_simworld::stage::Stage;
-use skein_tests::stories::{built_in, position_sigma_m, status};
+use skein_simworld::world::{Delivery, World};
+use skein_tests::stories::{altered, built_in, position_sigma_m, status, why};
 
 const SECOND_NS: i64 = 1_000_000_000;
 
@@ -92,6 +94,36 @@ fn a_vehicle_without_a_pose_joins_by_distances_and_is_then_one_of_the_team() {
     assert!(
         own.neighbours.iter().all(|known| known.ranging.is_none()),
         "its distances are measurements of the common estimate now"
+    );
+}
+
+#[test]
+fn a_vehicle_that_lost_its_pose_with_its_odometry_joins_again_by_distances() {
+    let mut scenario = built_in("ranges");
+    for vehicle in scenario.team.vehicles_mut() {
+        vehicle.start = Start::Pose;
+    }
+    let as_configured = |_, config| config;
+    let blinded = |_: &World, vehicle, instant_ns, deliveries: &mut Vec<Delivery>| {
+        if vehicle == 3 && (20 * SECOND_NS..23 * SECOND_NS).contains(&instant_ns) {
+            deliveries.retain(|delivery| !matches!(delivery.frame, Frame::Odometry(_)));
+        }
+    };
+    let mut fleet = altered(&scenario, 1, as_configured, blinded);
+    fleet.run_until(24 * SECOND_NS);
+    assert_eq!(status(&fleet, 3), Status::Lost, "{}", why(&fleet, 3));
+    let found_ns = (25..=50)
+        .map(|second| second * SECOND_NS)
+        .find(|at_ns| {
+            fleet.run_until(*at_ns);
+            status(&fleet, 3) == Status::Tracking
+        })
+        .unwrap_or_else(|| panic!("{}", why(&fleet, 3)));
+    fleet.run_until(found_ns + 5 * SECOND_NS);
+    let (error_m, sigma_m) = (fleet.position_error_m(3), position_sigma_m(&fleet, 3));
+    assert!(
+        error_m < 1.2 && error_m < 4.0 * sigma_m,
+        "{error_m:.2} m of {sigma_m:.2} m"
     );
 }
 

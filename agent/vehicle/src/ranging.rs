@@ -2,21 +2,20 @@
 //! the common frame, with the odometry of both, become where each such neighbour is; and through one that is located,
 //! where this vehicle is.
 
+mod found;
+mod geometry;
 mod joining;
 mod telling;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-use nalgebra::{Matrix3, Matrix4, SMatrix, UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use skein_estimation::odometry::{Gap, OdometryPoint};
 use skein_estimation::ranging::neighbour::NeighbourSettings;
 use skein_estimation::ranging::window::Observability;
-use skein_estimation::ranging::{
-    Dimension, LevelOdometry, Neighbour, RangeRefusal, RangeSample, RelativePose,
-};
+use skein_estimation::ranging::{Dimension, Neighbour, RangeRefusal, RangeSample};
 use skein_estimation::time::{Span, Stamp};
-use skein_estimation::{Body, Odometry, Sensor, Transform, VehicleId, World};
-use skein_proto::limits::SIGMA_MAX;
+use skein_estimation::{Body, Odometry, Sensor, Transform, VehicleId};
 use skein_proto::measured::{Measured, MeasuredValue};
 use skein_proto::name::Name;
 
@@ -27,7 +26,8 @@ use crate::gathering::Direction;
 use crate::neighbours::{Boot, Neighbours};
 use crate::refused::Refused;
 use crate::rounds::Round;
-use crate::told_pose::ToldPose;
+use found::Found;
+use geometry::{body_from_body, levelled, point};
 
 /// Distances that wait for the odometry of their time.
 const WAITING_MAX: usize = 256;
@@ -35,10 +35,6 @@ const WAITING_MAX: usize = 256;
 const WAIT_MAX: Span = Span::secs(2);
 /// Periods for which every distance is held back, so that what the neighbour measured comes in order of its time.
 const HELD_PERIODS: i64 = 2;
-/// How well a located neighbour is taken to know where it is: nobody says it of the pose that an exchange carries.
-const NEIGHBOUR_ROTATION_SIGMA_RAD: f64 = 0.02;
-/// See [`NEIGHBOUR_ROTATION_SIGMA_RAD`].
-const NEIGHBOUR_TRANSLATION_SIGMA_M: f64 = 0.1;
 
 /// The pipeline of one vehicle.
 #[derive(Clone, Debug)]
@@ -98,14 +94,6 @@ pub(crate) struct Readable<'a> {
     pub(crate) body_from_target: Transform<Body, Sensor>,
     /// Those whose distances are measurements of the cooperative pipeline.
     pub(crate) tied: &'a BTreeSet<Name>,
-}
-
-/// A neighbour that was located, at some moment.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Found {
-    pub(crate) body_from_neighbour: Transform<Body, Body>,
-    /// Covariance of its position and yaw in this vehicle's level frame (m, rad).
-    covariance: Matrix4<f64>,
 }
 
 impl Ranging {
@@ -315,50 +303,6 @@ impl Waiting {
     }
 }
 
-impl Found {
-    /// Where this vehicle is, by where the neighbour is, and how sure that is: the neighbour's own error and that of the
-    /// pair, which turns about the neighbour.
-    pub(crate) fn own_pose(&self, world_from_neighbour: &Transform<World, Body>) -> ToldPose {
-        let away_m = self.body_from_neighbour.translation;
-        let (rotation_sigma_rad, translation_sigma_m) = self.sigmas(&away_m);
-        ToldPose {
-            world_from_body: *world_from_neighbour * self.body_from_neighbour.inverse(),
-            rotation_sigma_rad,
-            translation_sigma_m,
-        }
-    }
-
-    /// Where the neighbour is, by where this vehicle is.
-    pub(crate) fn neighbour_pose(&self, world_from_body: &Transform<World, Body>) -> ToldPose {
-        let (rotation_sigma_rad, translation_sigma_m) = self.sigmas(&Vector3::zeros());
-        ToldPose {
-            world_from_body: *world_from_body * self.body_from_neighbour,
-            rotation_sigma_rad,
-            translation_sigma_m,
-        }
-    }
-
-    /// Greatest standard deviations of rotation (rad) and translation (m) of one vehicle seen from the other, where an
-    /// error of the yaw turns it about a point so far away.
-    fn sigmas(&self, arm_m: &Vector3<f64>) -> (f64, f64) {
-        // d(position) - yaw error x arm, in the level frame.
-        let mut jacobian = SMatrix::<f64, 3, 4>::zeros();
-        jacobian
-            .fixed_view_mut::<3, 3>(0, 0)
-            .copy_from(&Matrix3::identity());
-        jacobian[(0, 3)] = arm_m.y;
-        jacobian[(1, 3)] = -arm_m.x;
-        let position = jacobian * self.covariance * jacobian.transpose();
-        let greatest = position.symmetric_eigenvalues().max().max(0.0);
-        let rotation = self.covariance[(3, 3)].max(0.0);
-        let combined = |variance: f64, sigma: f64| (variance + sigma * sigma).sqrt().min(SIGMA_MAX);
-        (
-            combined(rotation, NEIGHBOUR_ROTATION_SIGMA_RAD),
-            combined(greatest, NEIGHBOUR_TRANSLATION_SIGMA_M),
-        )
-    }
-}
-
 fn life(boot: &Boot) -> Life {
     (boot.id, boot.stepped_at)
 }
@@ -377,44 +321,6 @@ fn ends(from: &Readable<'_>, boot: &Boot, taken: Stamp) -> Result<Ends, Gap> {
     })
 }
 
-/// A point of the body, in the odometry frame (m).
-fn point(odometry_from_body: &Transform<Odometry, Body>, in_body_m: &Vector3<f64>) -> Vector3<f64> {
-    odometry_from_body.rotation * in_body_m + odometry_from_body.translation
-}
-
-/// Odometry of a point of a vehicle, with the vehicle's heading.
-fn levelled(at: &OdometryPoint, position_m: Vector3<f64>) -> LevelOdometry {
-    LevelOdometry {
-        segment: at.segment,
-        position_m,
-        yaw_rad: yaw_rad(&at.odometry_from_body.rotation),
-        growth: at.growth,
-    }
-}
-
-/// The heading of a rotation: yaw of yaw, pitch and roll.
-fn yaw_rad(rotation: &UnitQuaternion<f64>) -> f64 {
-    rotation.euler_angles().2
-}
-
-/// The neighbour's body in this vehicle's at these points of their odometries, by a relative pose of the two ends of a
-/// distance.
-fn body_from_body(
-    at: &RangeSample,
-    relative: &RelativePose,
-    own: &OdometryPoint,
-    neighbour: &OdometryPoint,
-) -> Transform<Body, Body> {
-    let about_z = |angle_rad| UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle_rad);
-    let own_turn = about_z(at.own.yaw_rad);
-    let turn = own_turn * about_z(relative.yaw_rad - at.neighbour.yaw_rad);
-    let odometry_from_odometry = Transform::<Odometry, Odometry>::new(
-        turn,
-        at.own.position_m + own_turn * relative.position_m - turn * at.neighbour.position_m,
-    );
-    own.odometry_from_body.inverse() * odometry_from_odometry * neighbour.odometry_from_body
-}
-
 fn refused(why: RangeRefusal) -> Refused {
     match why {
         RangeRefusal::NotLater => Refused::TooLate,
@@ -423,88 +329,5 @@ fn refused(why: RangeRefusal) -> Refused {
         | RangeRefusal::NotPositive
         | RangeRefusal::TooFar
         | RangeRefusal::BadSigma => Refused::Implausible,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use skein_estimation::odometry::Growth;
-
-    fn turned(yaw_rad: f64, pitch_rad: f64) -> UnitQuaternion<f64> {
-        UnitQuaternion::from_euler_angles(0.0, pitch_rad, yaw_rad)
-    }
-
-    /// What odometry says of a vehicle that is there in the world, when it began there.
-    fn odometry(began: &Transform<World, Odometry>, is: &Transform<World, Body>) -> OdometryPoint {
-        OdometryPoint {
-            taken: Stamp::default(),
-            segment: 0,
-            odometry_from_body: began.inverse() * *is,
-            growth: Growth::zero(),
-        }
-    }
-
-    #[test]
-    fn a_place_found_between_two_antennas_holds_for_both_bodies_wherever_they_went_since() {
-        let began = [
-            Transform::new(turned(0.4, 0.0), Vector3::new(3.0, -1.0, 0.2)),
-            Transform::new(turned(-2.0, 0.0), Vector3::new(-4.0, 2.0, 1.0)),
-        ];
-        let then = [
-            Transform::new(turned(1.0, 0.1), Vector3::new(5.0, 0.0, 0.5)),
-            Transform::new(turned(2.5, -0.2), Vector3::new(-2.0, 4.0, 1.5)),
-        ];
-        let antennas = [Vector3::new(0.2, 0.0, 0.5), Vector3::new(-0.3, 0.1, 0.4)];
-        let in_world = [0, 1].map(|n: usize| then[n].rotation * antennas[n] + then[n].translation);
-        let level = |n: usize| {
-            let point = odometry(&began[n], &then[n]);
-            levelled(&point, self::point(&point.odometry_from_body, &antennas[n]))
-        };
-        let sample = RangeSample {
-            taken: Stamp::default(),
-            range_m: (in_world[1] - in_world[0]).norm(),
-            sigma_m: 0.1,
-            own: level(0),
-            neighbour: level(1),
-        };
-        let headings = [0, 1].map(|n: usize| yaw_rad(&then[n].rotation));
-        let relative = RelativePose::new(
-            turned(-headings[0], 0.0) * (in_world[1] - in_world[0]),
-            headings[1] - headings[0],
-        );
-
-        let now = [
-            Transform::new(turned(-0.5, 0.2), Vector3::new(6.0, 1.0, 0.0)),
-            Transform::new(turned(0.1, 0.0), Vector3::new(0.0, 5.0, 1.0)),
-        ];
-        let found = body_from_body(
-            &sample,
-            &relative,
-            &odometry(&began[0], &now[0]),
-            &odometry(&began[1], &now[1]),
-        );
-        let truth = now[0].inverse() * now[1];
-        assert!((found.translation - truth.translation).norm() < 1e-9);
-        assert!(found.rotation.angle_to(&truth.rotation) < 1e-9);
-    }
-
-    #[test]
-    fn an_uncertain_heading_moves_a_vehicle_that_is_placed_from_far_away() {
-        let mut covariance = Matrix4::zeros();
-        covariance[(3, 3)] = 0.01;
-        let found = Found {
-            body_from_neighbour: Transform::new(
-                UnitQuaternion::identity(),
-                Vector3::new(20.0, 0.0, 0.0),
-            ),
-            covariance,
-        };
-        let here = Transform::identity();
-        let (own, neighbour) = (found.own_pose(&here), found.neighbour_pose(&here));
-        assert!((own.translation_sigma_m - 2.0).abs() < 0.01, "{own:?}");
-        assert!(neighbour.translation_sigma_m < 0.11, "{neighbour:?}");
-        assert!((own.rotation_sigma_rad - 0.1).abs() < 0.01);
-        assert!((own.world_from_body.translation.x + 20.0).abs() < 1e-9);
     }
 }

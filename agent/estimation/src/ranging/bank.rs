@@ -13,6 +13,9 @@ use nalgebra::{Matrix4, Vector3, Vector4};
 /// Most hypotheses.
 pub const HYPOTHESES_MAX: usize = MODES_MAX;
 
+/// An image that only noise speaks against has at least this part of the weight of what it is the image of.
+const IMAGE_WEIGHT: f64 = 0.1;
+
 /// How a bank works.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BankSettings {
@@ -155,6 +158,29 @@ impl Bank {
         };
         self.prune();
         explained
+    }
+
+    /// Keeps the image of the likeliest place below or above: where neither end has climbed, ranges say nothing against
+    /// it, and what odometry's noise seems to say adds up round by round.
+    pub fn keep_below(&mut self) {
+        let Some(best) = self.hypotheses[0] else {
+            return;
+        };
+        let image = Hypothesis {
+            log_weight: best.log_weight + IMAGE_WEIGHT.ln(),
+            ..best.below()
+        };
+        if image.is_same(&best) {
+            return;
+        }
+        let mut known = self.hypotheses.iter_mut().flatten();
+        if let Some(same) = known.find(|one| one.is_same(&image)) {
+            same.log_weight = same.log_weight.max(image.log_weight);
+        } else {
+            // Heaviest first: the last place is empty, or the lightest's.
+            self.hypotheses[HYPOTHESES_MAX - 1] = Some(image);
+        }
+        self.prune();
     }
 
     /// Whether the ranges have refuted all hypotheses.

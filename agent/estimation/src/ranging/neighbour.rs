@@ -109,6 +109,8 @@ pub struct Neighbour {
     modes: Option<Modes>,
     bank: Option<Bank>,
     last: Option<RangeSample>,
+    /// The oldest sample that went into the bank, as long as neither end has climbed since.
+    level_since: Option<RangeSample>,
     refuted: u32,
     explained: u32,
     counters: Counters,
@@ -124,6 +126,7 @@ impl Neighbour {
             modes: None,
             bank: None,
             last: None,
+            level_since: None,
             refuted: 0,
             explained: 0,
             counters: Counters::default(),
@@ -156,6 +159,9 @@ impl Neighbour {
             Some(bank) => {
                 let explained = bank.update(sample);
                 let refuted = bank.is_refuted();
+                let is_level = |since: &RangeSample| !sample.has_risen_since(since);
+                self.level_since = self.level_since.filter(is_level);
+                self.keep_images();
                 self.count(explained, refuted)
             }
             None if far => self.start(sample),
@@ -184,7 +190,18 @@ impl Neighbour {
         Taken::Explained
     }
 
+    /// In space what keeps its height may as well be below as above, until one of the two climbs.
+    fn keep_images(&mut self) {
+        if self.dimension() == Dimension::Spatial
+            && self.level_since.is_some()
+            && let Some(bank) = &mut self.bank
+        {
+            bank.keep_below();
+        }
+    }
+
     fn begin_anew(&mut self) {
+        self.level_since = None;
         self.bank = None;
         self.modes = None;
         self.window.clear();
@@ -204,6 +221,13 @@ impl Neighbour {
         self.modes = Some(modes);
         if !open {
             self.bank = Bank::started(self.settings.bank, &modes, sample);
+            let oldest = self.window.samples().next();
+            let is_level = |oldest: &&RangeSample| {
+                let mut samples = self.window.samples();
+                !samples.any(|sample| sample.has_risen_since(oldest))
+            };
+            self.level_since = oldest.filter(is_level).copied();
+            self.keep_images();
         }
         if self.bank.is_some() {
             Taken::Started

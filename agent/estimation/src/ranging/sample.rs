@@ -14,6 +14,9 @@ pub const RANGE_SIGMA_MAX_M: f64 = 100.0;
 /// The farthest from where its odometry began that a vehicle is believed to be (m).
 pub const ODOMETRY_MAX_M: f64 = 1e6;
 
+/// A climb of so many standard deviations is one. Three would come about by noise alone in long level flight.
+const RISEN_SIGMAS: f64 = 4.0;
+
 /// Cumulative odometry of a vehicle, levelled by gravity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LevelOdometry {
@@ -129,6 +132,19 @@ impl RangeSample {
     pub(crate) fn moved_since_m(&self, earlier: &Self) -> f64 {
         (self.own.position_m - earlier.own.position_m).norm()
             + (self.neighbour.position_m - earlier.neighbour.position_m).norm()
+    }
+
+    /// Whether the two have climbed or sunk against each other since another sample by more than the noise of their
+    /// odometries makes of it.
+    pub(crate) fn has_risen_since(&self, earlier: &Self) -> bool {
+        let rise = |now: &LevelOdometry, then: &LevelOdometry| now.position_m.z - then.position_m.z;
+        let rise_m = rise(&self.neighbour, &earlier.neighbour) - rise(&self.own, &earlier.own);
+        let gathered = |now: &LevelOdometry, then: &LevelOdometry| {
+            now.growth.since(&then.growth).translation.max(0.0)
+        };
+        let variance_m2 =
+            gathered(&self.own, &earlier.own) + gathered(&self.neighbour, &earlier.neighbour);
+        rise_m.powi(2) > RISEN_SIGMAS.powi(2) * variance_m2
     }
 }
 

@@ -39,9 +39,10 @@ impl Vehicle {
         }
     }
 
-    /// The neighbours that are in the common frame, as this vehicle is.
+    /// The neighbours that are in the common frame, as this vehicle is; nobody while it has lost its pose.
     fn tied(&self) -> BTreeSet<Name> {
-        if !self.reckoning.was_placed() {
+        let newest = self.reckoning.newest();
+        if newest.and_then(|at| self.reckoning.placed_at(at)).is_none() {
             return BTreeSet::new();
         }
         let is_tied = |(name, neighbour): &(Name, &Neighbour)| match &self.smoothing {

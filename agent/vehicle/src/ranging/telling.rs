@@ -10,7 +10,8 @@ use skein_proto::document::{RangedDocument, RangingDocument, RangingHealth, Rang
 use skein_proto::estimate::{RangingCovariance, RangingEstimate};
 use skein_proto::name::Name;
 
-use super::{Pair, Ranging, body_from_body};
+use super::geometry::body_from_body;
+use super::{Pair, Ranging};
 use crate::translate;
 
 impl Ranging {

@@ -6,6 +6,7 @@ use crate::output::{print, print_json};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use miette::{IntoDiagnostic, miette};
+use nalgebra::Vector3;
 use serde::Serialize;
 use skein_agent::{
     Agent, Clock, DriverSettings, FaultSettings, FrameSender, NetworkSettings, Settings, new_boot,
@@ -36,7 +37,7 @@ const FAULTS_EVERY_NS: i64 = 200_000_000;
 #[derive(Debug, Args)]
 pub(crate) struct FlyArguments {
     /// A built-in scenario (section-v, section-v-lossy, section-v-harsh, section-v-partition, section-v-mounted,
-    /// parallel-lines, hover, square, eight) or a TOML file.
+    /// parallel-lines, hover, square, eight, ranges) or a TOML file.
     scenario: String,
     /// Fly the world only: the agents are other processes with `zenoh` drivers named `odometry` and `relative`
     /// (of `square` and `eight` also `imu` and `camera`), and `[simulation] enabled = true`.
@@ -92,6 +93,8 @@ struct VehicleResult {
     dead_reckoning_final_m: f64,
     /// Odometry alone over the motion.
     dead_reckoning_rmse_m: f64,
+    /// How far it travelled, in metres.
+    path_m: f64,
     neighbours: usize,
     rounds_solved: u64,
     packets_lost: u64,
@@ -261,6 +264,9 @@ impl Flight {
                     vehicle,
                     instant_ns,
                 } => {
+                    if let Some(estimate) = self.air.estimate(self.world.name(vehicle)) {
+                        self.world.told(vehicle, &estimate);
+                    }
                     for delivery in self.world.round(vehicle, instant_ns) {
                         push(
                             &mut events,
@@ -422,6 +428,8 @@ fn start_agents(
 struct Score {
     estimated: Vec<Vec<PoseError>>,
     reckoned: Vec<Vec<f64>>,
+    /// Where each was last, metres, and how far it has come until then.
+    travelled: Vec<Option<(Vector3<f64>, f64)>>,
     statuses: Vec<Option<Status>>,
 }
 
@@ -430,6 +438,7 @@ impl Score {
         Self {
             estimated: vec![Vec::new(); vehicles],
             reckoned: vec![Vec::new(); vehicles],
+            travelled: vec![None; vehicles],
             statuses: vec![None; vehicles],
         }
     }
@@ -439,6 +448,9 @@ impl Score {
             let truth = world.pose(vehicle, instant_ns).translation.vector;
             let apart = world.dead_reckoning(vehicle).translation.vector - truth;
             self.reckoned[vehicle].push(apart.norm());
+            let path_m =
+                self.travelled[vehicle].map_or(0.0, |(was, path_m)| path_m + (truth - was).norm());
+            self.travelled[vehicle] = Some((truth, path_m));
         }
     }
 
@@ -489,6 +501,7 @@ impl Score {
                 dead_reckoning_final_m: reckoned.last().copied().unwrap_or(f64::NAN),
                 dead_reckoning_rmse_m: root_mean(reckoned.iter().map(|e| e * e))
                     .unwrap_or(f64::NAN),
+                path_m: self.travelled[vehicle].map_or(0.0, |(_, path_m)| path_m),
                 neighbours: health.as_ref().map_or(0, present),
                 rounds_solved: health.as_ref().map_or(0, |health| health.rounds.solved),
                 packets_lost: process.map_or(0, |process| process.faults_dropped),
@@ -535,17 +548,18 @@ fn table(result: &FlightResult) -> String {
         result.scenario, result.seed, result.sample
     );
     text.push_str("                             position error, m       odometry alone, m\n");
-    text.push_str("vehicle  status              final       RMSE       final       RMSE  neighbours  rounds\n");
+    text.push_str("vehicle  status              final       RMSE       final       RMSE   path, m  neighbours  rounds\n");
     for row in &result.vehicles {
         let _ = writeln!(
             text,
-            "{:<8} {:<15} {:>9} {:>10} {:>11.3} {:>10.3} {:>11} {:>7}",
+            "{:<8} {:<15} {:>9} {:>10} {:>11.3} {:>10.3} {:>9.1} {:>11} {:>7}",
             row.vehicle.as_str(),
             row.status,
             metres(row.final_m),
             metres(row.rmse_m),
             row.dead_reckoning_final_m,
             row.dead_reckoning_rmse_m,
+            row.path_m,
             row.neighbours,
             row.rounds_solved,
         );

@@ -5,7 +5,9 @@ use crate::files::write;
 use crate::output::{print, print_json};
 use clap::{Args, ValueEnum};
 use miette::IntoDiagnostic;
-use skein_simworld::experiment::ranging::{complexity, flocking, schedule, trilateration};
+use skein_simworld::experiment::ranging::{
+    complexity, errors, flocking, joining, schedule, spatial, trilateration,
+};
 use skein_simworld::planar_swarm::SwarmNoise;
 use std::path::PathBuf;
 
@@ -16,10 +18,16 @@ enum Study {
     Schedule,
     /// Algorithm 2 on pairs: plain, with what neighbours tell, and with a bank.
     Trilateration,
+    /// Both algorithms on pairs, beside their bounds: mean square errors against each of three noises.
+    Errors,
+    /// A robot that joins a located team by distances alone, beside one that is told its start.
+    Joining,
     /// Heading averaging on orientations with noise.
     Flocking,
     /// Messages, bytes and time against neighbours.
     Complexity,
+    /// Algorithm 1 in space: pairs of drones that both move, levelled by gravity.
+    Spatial,
 }
 
 /// Options of `experiment ranging`.
@@ -52,8 +60,11 @@ pub(crate) fn fly(arguments: &RangingArguments) -> miette::Result<()> {
     match arguments.study {
         Study::Schedule => schedule_study(arguments),
         Study::Trilateration => trilateration_study(arguments),
+        Study::Errors => errors_study(arguments),
+        Study::Joining => joining_study(arguments),
         Study::Flocking => flocking_study(arguments),
         Study::Complexity => complexity_study(arguments),
+        Study::Spatial => spatial_study(arguments),
     }
 }
 
@@ -124,6 +135,51 @@ fn trilateration_study(arguments: &RangingArguments) -> miette::Result<()> {
     conclude(arguments, &trilateration::table(&results))
 }
 
+fn errors_study(arguments: &RangingArguments) -> miette::Result<()> {
+    let request = errors::Request {
+        samples: arguments.samples,
+        seed: arguments.seed,
+    };
+    let noises = errors::noises();
+    let progress = progress(arguments.samples * noises.len() as u64)?;
+    let mut results = Vec::new();
+    for noise in noises {
+        let (range_m, translation_m) = (noise.range_sigma_m, noise.translation_sigma_m);
+        progress.set_message(format!(
+            "{range_m} m, {translation_m} m, {} rad",
+            noise.rotation_sigma_rad
+        ));
+        let methods = errors::methods(&noise);
+        results.extend(errors::run(&methods, noise, request, || progress.inc(1)));
+    }
+    progress.finish_and_clear();
+    let folder = &arguments.output;
+    write(folder, "errors.csv", &errors::report::csv(&results))?;
+    let figure = errors::report::figure(&results).into_diagnostic()?;
+    write(folder, "errors.svg", &figure)?;
+    if arguments.json {
+        return print_json(&results);
+    }
+    conclude(arguments, &errors::report::table(&results))
+}
+
+fn joining_study(arguments: &RangingArguments) -> miette::Result<()> {
+    let progress = progress(arguments.samples * joining::KNOWN.len() as u64)?;
+    let (samples, seed) = (arguments.samples, arguments.seed);
+    let results = joining::KNOWN.map(|known| {
+        progress.set_message(known.name());
+        joining::run(known, samples, seed, || progress.inc(1))
+    });
+    progress.finish_and_clear();
+    write(&arguments.output, "joining.csv", &joining::csv(&results))?;
+    let figure = joining::figure(&results).into_diagnostic()?;
+    write(&arguments.output, "joining.svg", &figure)?;
+    if arguments.json {
+        return print_json(&results);
+    }
+    conclude(arguments, &joining::table(&results))
+}
+
 fn flocking_study(arguments: &RangingArguments) -> miette::Result<()> {
     let progress = progress(arguments.samples * flocking::CELLS.len() as u64)?;
     let results: Vec<_> = flocking::CELLS
@@ -168,6 +224,29 @@ fn complexity_study(arguments: &RangingArguments) -> miette::Result<()> {
         return print_json(&rows);
     }
     conclude(arguments, &complexity::table(&rows))
+}
+
+fn spatial_study(arguments: &RangingArguments) -> miette::Result<()> {
+    let progress = progress(arguments.samples * spatial::CELLS.len() as u64)?;
+    let results: Vec<_> = spatial::CELLS
+        .iter()
+        .map(|cell| {
+            progress.set_message(cell.name);
+            spatial::run(cell, arguments.samples, arguments.seed, || progress.inc(1))
+        })
+        .collect();
+    progress.finish_and_clear();
+    write(
+        &arguments.output,
+        "spatial.csv",
+        &spatial::report::csv(&results),
+    )?;
+    let figure = spatial::report::figure(&results).into_diagnostic()?;
+    write(&arguments.output, "spatial.svg", &figure)?;
+    if arguments.json {
+        return print_json(&results);
+    }
+    conclude(arguments, &spatial::report::table(&results))
 }
 
 fn conclude(arguments: &RangingArguments, table: &str) -> miette::Result<()> {

@@ -2,63 +2,21 @@
 //! each round every robot turns to the mean of its own heading and those that it estimates its neighbours to have. Until
 //! there is an estimate it drives at random.
 
+mod orientations;
+
+pub use orientations::{Orientations, Source};
+
 use crate::planar_swarm::{Drive, PlanarSwarm, SwarmNoise, SwarmSettings};
 use crate::plot::{self, Panel, PlotError, Trace};
 use crate::statistics::mean_and_stderr;
-use crate::streams::{Purpose, Streams};
+use crate::streams::Streams;
 use nalgebra::Vector2;
-use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::fmt::Write;
 
 /// Rounds of a flight.
 pub const ROUNDS: usize = 30;
-
-/// Where the robots get their orientations from.
-pub trait Orientations {
-    /// A round has gone by.
-    fn observe(&mut self, swarm: &mut PlanarSwarm);
-
-    /// The heading of `robot` less that of `observer`, as the observer estimates it (rad).
-    fn relative_rad(&mut self, swarm: &PlanarSwarm, observer: usize, robot: usize) -> Option<f64>;
-}
-
-/// The truth with noise, from a round on: what no estimator says, to see what noise alone does to a flock.
-#[derive(Debug)]
-pub struct NoisyTruth {
-    sigma_rad: f64,
-    rounds: usize,
-    rng: ChaCha8Rng,
-}
-
-/// Rounds after which the stand-in knows orientations: as many distances as the smallest window has that is unique.
-const ROUNDS_TO_KNOW: usize = 3;
-
-impl NoisyTruth {
-    /// With this standard deviation.
-    #[must_use]
-    pub fn new(sigma_rad: f64, streams: &Streams) -> Self {
-        Self {
-            sigma_rad,
-            rounds: 0,
-            rng: streams.vehicle(0, Purpose::Measurement),
-        }
-    }
-}
-
-impl Orientations for NoisyTruth {
-    fn observe(&mut self, _: &mut PlanarSwarm) {
-        self.rounds += 1;
-    }
-
-    fn relative_rad(&mut self, swarm: &PlanarSwarm, observer: usize, robot: usize) -> Option<f64> {
-        let gauss: f64 = StandardNormal.sample(&mut self.rng);
-        let truth_rad = swarm.relative(observer, robot).heading_rad;
-        (self.rounds >= ROUNDS_TO_KNOW).then_some(truth_rad + self.sigma_rad * gauss)
-    }
-}
 
 /// A kind of flock.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -73,59 +31,61 @@ pub struct Cell {
     pub degree: Option<f64>,
     /// They are turned back by walls.
     pub has_walls: bool,
-    /// Standard deviation of an orientation (rad).
-    pub orientation_sigma_rad: f64,
+    /// What the sensors add.
+    pub noise: SwarmNoise,
+    /// Where the robots get their orientations from.
+    pub source: Source,
 }
 
+const ALL: Cell = Cell {
+    name: "",
+    robots: 10,
+    side_m: 10.0,
+    degree: None,
+    has_walls: false,
+    noise: SwarmNoise::USUAL,
+    source: Source::Windows(4),
+};
+
 /// The cells, in the order of the table.
-pub const CELLS: [Cell; 6] = [
+pub const CELLS: [Cell; 7] = [
     Cell {
-        name: "exact",
-        robots: 10,
-        side_m: 10.0,
-        degree: None,
-        has_walls: false,
-        orientation_sigma_rad: 0.0,
+        name: "exact, windows of 4",
+        noise: SwarmNoise::NONE,
+        ..ALL
     },
     Cell {
-        name: "0.1 rad",
-        robots: 10,
-        side_m: 10.0,
-        degree: None,
-        has_walls: false,
-        orientation_sigma_rad: 0.1,
+        name: "windows of 4",
+        ..ALL
     },
     Cell {
-        name: "0.5 rad",
-        robots: 10,
-        side_m: 10.0,
-        degree: None,
-        has_walls: false,
-        orientation_sigma_rad: 0.5,
+        name: "windows of 6",
+        source: Source::Windows(6),
+        ..ALL
     },
     Cell {
-        name: "0.1 rad, walls",
-        robots: 10,
-        side_m: 10.0,
-        degree: None,
+        name: "windows of 9",
+        source: Source::Windows(9),
+        ..ALL
+    },
+    Cell {
+        name: "follower",
+        source: Source::Follower,
+        ..ALL
+    },
+    Cell {
+        name: "windows of 6, walls",
         has_walls: true,
-        orientation_sigma_rad: 0.1,
+        source: Source::Windows(6),
+        ..ALL
     },
     Cell {
-        name: "0.1 rad, 6 near",
+        name: "windows of 6, 6 near",
         robots: 30,
         side_m: 40.0,
         degree: Some(6.0),
-        has_walls: false,
-        orientation_sigma_rad: 0.1,
-    },
-    Cell {
-        name: "0.5 rad, 6 near",
-        robots: 30,
-        side_m: 40.0,
-        degree: Some(6.0),
-        has_walls: false,
-        orientation_sigma_rad: 0.5,
+        source: Source::Windows(6),
+        ..ALL
     },
 ];
 
@@ -153,15 +113,16 @@ pub fn order(swarm: &PlanarSwarm) -> f64 {
 }
 
 /// By round from the first, the order of one flock.
-pub fn fly(swarm: &mut PlanarSwarm, orientations: &mut impl Orientations) -> Vec<f64> {
+pub fn fly(swarm: &mut PlanarSwarm, orientations: &mut Orientations) -> Vec<f64> {
     let robots = swarm.robots();
     let mut orders = vec![order(swarm)];
+    orientations.observe(swarm);
     for _ in 1..ROUNDS {
         let turns: Vec<Option<f64>> = (0..robots)
             .map(|observer| {
                 let others = (0..robots).filter(|robot| swarm.are_linked(observer, *robot));
                 let headings: Vec<f64> = others
-                    .filter_map(|robot| orientations.relative_rad(swarm, observer, robot))
+                    .filter_map(|robot| orientations.relative_rad(observer, robot))
                     .collect();
                 let sum = headings
                     .iter()
@@ -185,14 +146,14 @@ pub fn run(cell: &Cell, samples: u64, seed: u64, flown: impl Fn() + Sync) -> Cel
         .into_par_iter()
         .map(|sample| {
             let streams = Streams::new(seed, sample);
-            let mut settings = SwarmSettings::section_v(cell.robots, SwarmNoise::USUAL);
+            let mut settings = SwarmSettings::section_v(cell.robots, cell.noise);
             settings.has_walls = cell.has_walls;
             settings.side_m = cell.side_m;
             if let Some(degree) = cell.degree {
                 settings = settings.with_mean_degree(degree);
             }
             let mut swarm = PlanarSwarm::new(settings, &streams);
-            let mut orientations = NoisyTruth::new(cell.orientation_sigma_rad, &streams);
+            let mut orientations = Orientations::new(cell.source, cell.robots);
             let orders = fly(&mut swarm, &mut orientations);
             flown();
             orders
@@ -215,13 +176,13 @@ const SHOWN: [usize; 6] = [0, 2, 4, 5, 10, 29];
 /// The results as people read them.
 #[must_use]
 pub fn table(results: &[CellResult]) -> String {
-    let mut text = format!("{:<18}", "order at round");
+    let mut text = format!("{:<22}", "order at round");
     for round in SHOWN {
         let _ = write!(text, " {round:>15}");
     }
-    text += "   (a stand-in for the estimator: true orientations with noise)\n";
+    text.push('\n');
     for one in results {
-        let _ = write!(text, "{:<18}", one.cell.name);
+        let _ = write!(text, "{:<22}", one.cell.name);
         for round in SHOWN {
             let _ = write!(
                 text,
@@ -238,17 +199,13 @@ pub fn table(results: &[CellResult]) -> String {
 #[must_use]
 pub fn csv(results: &[CellResult]) -> String {
     let mut text =
-        String::from("cell,robots,orientation_sigma_rad,samples,seed,round,order,order_stderr\n");
+        String::from("cell,robots,range_sigma_m,samples,seed,round,order,order_stderr\n");
     for one in results {
         for (round, (order, stderr)) in one.order.iter().zip(&one.order_stderr).enumerate() {
             let _ = writeln!(
                 text,
                 "\"{}\",{},{},{},{},{round},{order},{stderr}",
-                one.cell.name,
-                one.cell.robots,
-                one.cell.orientation_sigma_rad,
-                one.samples,
-                one.seed,
+                one.cell.name, one.cell.robots, one.cell.noise.range_sigma_m, one.samples, one.seed,
             );
         }
     }
@@ -280,24 +237,26 @@ fn unit(angle_rad: f64) -> Vector2<f64> {
 mod tests {
     use super::*;
 
-    #[test]
-    fn a_flock_that_knows_its_headings_drives_one_way_and_one_that_does_not_never_does() {
-        let streams = Streams::new(1, 0);
-        let settings = SwarmSettings::section_v(10, SwarmNoise::NONE);
-        let mut swarm = PlanarSwarm::new(settings, &streams);
-        let orders = fly(&mut swarm, &mut NoisyTruth::new(0.0, &streams));
-        assert!(orders[ROUNDS_TO_KNOW] < 0.9, "{orders:?}");
-        assert!(orders[ROUNDS_TO_KNOW + 1] > 0.999, "{orders:?}");
+    fn flown(name: &str) -> CellResult {
+        let cell = CELLS.iter().find(|cell| cell.name == name).unwrap();
+        run(cell, 5, 1, || {})
+    }
 
-        struct Blind;
-        impl Orientations for Blind {
-            fn observe(&mut self, _: &mut PlanarSwarm) {}
-            fn relative_rad(&mut self, _: &PlanarSwarm, _: usize, _: usize) -> Option<f64> {
-                None
-            }
-        }
-        let mut swarm = PlanarSwarm::new(settings, &streams);
-        let orders = fly(&mut swarm, &mut Blind);
+    #[test]
+    fn a_flock_that_measures_exactly_is_of_one_mind_from_its_fourth_distance_on() {
+        let exact = flown("exact, windows of 4").order;
+        assert!(exact[3] < 0.9, "{exact:?}");
+        assert!(exact[4..].iter().all(|order| *order > 0.99), "{exact:?}");
+    }
+
+    #[test]
+    fn a_flock_with_noise_comes_together_and_one_that_knows_nothing_never_does() {
+        let noisy = flown("windows of 6").order;
+        assert!(noisy[ROUNDS - 1] > 0.98, "{noisy:?}");
+
+        let settings = SwarmSettings::section_v(10, SwarmNoise::USUAL);
+        let mut swarm = PlanarSwarm::new(settings, &Streams::new(1, 0));
+        let orders = fly(&mut swarm, &mut Orientations::new(Source::Windows(0), 10));
         assert!(orders.iter().all(|order| *order < 0.95), "{orders:?}");
     }
 }

@@ -1,25 +1,31 @@
-//! Real distances between robots, with their odometry, replayed: each robot localises each other from nothing, by
-//! distances and both odometries, and is scored against the truth.
+//! Real distances between robots, with their odometry, replayed: each robot follows each other from nothing, by distances
+//! and both odometries, with what the daemon follows a neighbour with, and is scored against the truth.
 
-use super::trilateration::error;
-use crate::planar_swarm::PlanarPose;
-use crate::pyfg::{FactorGraph, Key};
+use super::following::{Shares, Spread, Told, Truth};
+use super::reckoning;
+use crate::pyfg::{FactorGraph, Key, RangeEdge};
 use crate::streams::{Purpose, Streams};
-use crate::truth::{Pose, yaw_rad};
-use nalgebra::{Rotation2, Vector2};
+use crate::truth::{relative_position_m, wrapped_rad, yaw_rad};
+use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use serde::Serialize;
-use skein_estimation::ranging::trilateration::{Bank, Noise, PairMotion, Turtle};
+use skein_estimation::ranging::neighbour::NeighbourSettings;
+use skein_estimation::ranging::{LevelOdometry, Neighbour, RangeSample};
+use skein_estimation::time::{Span, Stamp};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
 /// Converged is who is nearer than this, in position (m) and heading (rad), for so long (s).
 const CONVERGED: (f64, f64, f64) = (0.5, 0.2, 5.0);
 
-/// The recordings at hand state far more noise of odometry than it has (1 cm a step of 50 ms, where 30 m end within
-/// 18 cm): this share of it is believed.
-const STATED_SHARE: f64 = 0.1;
+/// The recordings at hand state more noise of odometry than it has (1 cm and 5 mrad a step of 50 ms): this share of it is
+/// believed. Over 1 to 5 s odometry is off by 0.2 to 0.4 of what it states, over a minute by 0.1.
+const STATED_SHARE: f64 = 0.3;
+
+/// Where truth and odometry turn so differently in a step (rad), motion capture took a robot for turned, and for so long
+/// (s) before and after it is not believed.
+const TORN: (f64, f64) = (0.3, 1.0);
 
 /// What is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,7 +36,7 @@ pub struct Request {
     pub seed: u64,
 }
 
-/// How one robot localised another: one object of the JSON output.
+/// How one robot followed another: one object of the JSON output.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PairResult {
     /// Who.
@@ -41,27 +47,34 @@ pub struct PairResult {
     pub added_sigmas: f64,
     /// Distances.
     pub ranges: usize,
-    /// Distances that were refused, or older than one before.
+    /// Distances that were refused, for want of odometry or by what follows.
     pub refused: usize,
-    /// After how long it stayed within 0.5 m and 0.2 rad for 5 s, counted from the first distance (s).
+    /// Distances that fitted no place.
+    pub unexplained: u64,
+    /// How often all places were given up.
+    pub refuted: u64,
+    /// After how long a place was told for the first time, counted from the first distance (s).
+    pub told_s: Option<f64>,
+    /// After how long what was told stayed within 0.5 m and 0.2 rad for 5 s, counted from the first distance (s).
     pub converged_s: Option<f64>,
-    /// Afterwards: root of the mean squared position error (m).
-    pub position_rmse_m: f64,
-    /// Afterwards: median position error (m).
-    pub position_median_m: f64,
-    /// Afterwards: root of the mean squared heading error (rad).
-    pub heading_rmse_rad: f64,
-    /// Afterwards: median heading error (rad).
-    pub heading_median_rad: f64,
+    /// Position errors told afterwards (m).
+    pub position_m: Spread,
+    /// Heading errors told afterwards (rad).
+    pub heading_rad: Spread,
+    /// The greatest position error told at any time (m).
+    pub worst_m: f64,
+    /// Squared errors of position and heading over their covariance per dimension, told at any time.
+    pub nees: Spread,
+    /// What was told, of all distances.
+    pub told: Shares,
 }
 
-/// Where odometry has a robot, and what it states of its noise so far.
-#[derive(Clone, Copy)]
-struct Reckoned {
-    position_m: Vector2<f64>,
-    heading_rad: f64,
-    translation_variance_m2: f64,
-    rotation_variance_rad2: f64,
+/// A recording, and what follows of it before anybody is followed.
+struct Recording<'a> {
+    graph: &'a FactorGraph,
+    reckoned: BTreeMap<Key, LevelOdometry>,
+    /// When the truth of which robot was torn (s).
+    torn: Vec<(char, f64)>,
 }
 
 /// Replays every ordered pair of robots that measured each other. None when the recording is not planar.
@@ -70,208 +83,202 @@ pub fn replay(graph: &FactorGraph, request: Request) -> Option<Vec<PairResult>> 
     if graph.is_spatial {
         return None;
     }
-    let reckoned = reckon(graph, request);
+    let recording = Recording {
+        graph,
+        reckoned: reckon(graph, request),
+        torn: torn(graph),
+    };
     let robots = graph.robots();
     let pairs = robots.iter().flat_map(|observer| {
         let others = robots.iter().filter(move |robot| *robot != observer);
         others.map(move |robot| (*observer, *robot))
     });
-    let results = pairs.filter_map(|(observer, robot)| {
-        pair(graph, &reckoned, observer, robot, request.added_sigmas)
-    });
+    let results =
+        pairs.filter_map(|(observer, robot)| recording.pair(observer, robot, request.added_sigmas));
     Some(results.collect())
 }
 
 /// Odometry from each robot's first pose on.
-fn reckon(graph: &FactorGraph, request: Request) -> BTreeMap<Key, Reckoned> {
+fn reckon(graph: &FactorGraph, request: Request) -> BTreeMap<Key, LevelOdometry> {
     let streams = Streams::new(request.seed, 0);
     let mut rngs: BTreeMap<char, ChaCha8Rng> = BTreeMap::new();
-    let mut reckoned: BTreeMap<Key, Reckoned> = BTreeMap::new();
+    let mut reckoned: BTreeMap<Key, LevelOdometry> = BTreeMap::new();
+    let believed = STATED_SHARE.hypot(request.added_sigmas);
     for step in &graph.odometry {
         let robot = step.from.robot;
         let stream = || streams.vehicle(robot as usize, Purpose::Odometry);
         let rng = rngs.entry(robot).or_insert_with(stream);
-        let mut gauss = |variance: f64| {
+        let (sigma_m, sigma_rad) = (
+            step.translation_variance_m2.sqrt(),
+            step.rotation_variance_rad2.sqrt(),
+        );
+        let mut gauss = |sigma: f64| {
             let one: f64 = StandardNormal.sample(rng);
-            request.added_sigmas * variance.sqrt() * one
+            request.added_sigmas * sigma * one
         };
-        let from = *reckoned.entry(step.from).or_insert(Reckoned {
-            position_m: Vector2::zeros(),
-            heading_rad: 0.0,
-            translation_variance_m2: 0.0,
-            rotation_variance_rad2: 0.0,
-        });
-        let off_m = Vector2::from_fn(|_, _| gauss(step.translation_variance_m2));
-        let moved_m = step.motion.translation.vector.xy() + off_m;
-        let turned_rad = yaw_rad(&step.motion) + gauss(step.rotation_variance_rad2);
+        let off_m = Vector3::new(gauss(sigma_m), gauss(sigma_m), 0.0);
+        let moved_m = step.motion.translation.vector + off_m;
+        let turned_rad = yaw_rad(&step.motion) + gauss(sigma_rad);
+        let from = *reckoned.entry(step.from).or_insert_with(reckoning::begun);
+        let sigmas = (believed * sigma_rad, believed * sigma_m);
         reckoned.insert(
             step.to,
-            Reckoned {
-                position_m: from.position_m + Rotation2::new(from.heading_rad) * moved_m,
-                heading_rad: from.heading_rad + turned_rad,
-                translation_variance_m2: from.translation_variance_m2
-                    + step.translation_variance_m2,
-                rotation_variance_rad2: from.rotation_variance_rad2 + step.rotation_variance_rad2,
-            },
+            reckoning::after(&from, &moved_m, turned_rad, sigmas),
         );
     }
     reckoned
 }
 
-/// Time since the first distance (s), position error (m) and heading error (rad).
-type Moment = (f64, f64, f64);
+/// When (s since the first distance), and what was told.
+type Moment = (f64, Told);
 
-fn pair(
-    graph: &FactorGraph,
-    reckoned: &BTreeMap<Key, Reckoned>,
-    observer: char,
-    robot: char,
-    added_sigmas: f64,
-) -> Option<PairResult> {
-    let mut bank: Option<(Bank, [Key; 2])> = None;
-    let mut begun_s = 0.0;
-    let (mut ranges, mut refused) = (0, 0);
-    let mut moments: Vec<Moment> = Vec::new();
-    for range in &graph.ranges {
-        let keys = match (range.from.robot, range.to.robot) {
-            (from, to) if (from, to) == (observer, robot) => [range.from, range.to],
-            (from, to) if (to, from) == (observer, robot) => [range.to, range.from],
-            _ => continue,
-        };
-        ranges += 1;
-        let now = keys.map(|key| reckoned.get(&key));
-        let [Some(own), Some(theirs)] = now else {
-            refused += 1;
-            continue;
-        };
-        let Some((filter, before)) = &mut bank else {
-            let noise = noise(0.0, 0.0, range.variance_m2);
-            begun_s = range.time_s;
-            bank = Bank::new(range.range_m, &noise)
-                .ok()
-                .map(|bank| (bank, keys));
-            continue;
-        };
-        let then = before.map(|key| reckoned[&key]);
-        if keys[0] < before[0] || keys[1] < before[1] {
-            refused += 1;
-            continue;
+impl Recording<'_> {
+    fn pair(&self, observer: char, robot: char, added_sigmas: f64) -> Option<PairResult> {
+        let mut follower = Neighbour::new(NeighbourSettings::PLANAR);
+        let mut begun_s = None;
+        let (mut ranges, mut refused) = (0, 0);
+        let mut moments: Vec<Moment> = Vec::new();
+        for range in &self.graph.ranges {
+            let keys = match (range.from.robot, range.to.robot) {
+                (from, to) if (from, to) == (observer, robot) => [range.from, range.to],
+                (from, to) if (to, from) == (observer, robot) => [range.to, range.from],
+                _ => continue,
+            };
+            ranges += 1;
+            let taken = self
+                .sample(range, keys)
+                .is_some_and(|sample| follower.handle(&sample).is_ok());
+            if !taken {
+                refused += 1;
+                continue;
+            }
+            let begun_s = *begun_s.get_or_insert(range.time_s);
+            if let Some(truth) = self.truth(keys) {
+                let told = Told::of(&follower.estimate(), &truth, follower.dimension());
+                moments.push((range.time_s - begun_s, told));
+            }
         }
-        let motion = PairMotion {
-            own: between(&then[0], own),
-            theirs: between(&then[1], theirs),
+        if ranges == 0 {
+            return None;
+        }
+        let converged_s = converged(&moments);
+        let offs = || {
+            let told = moments.iter();
+            told.filter_map(|(time_s, told)| Some((*time_s, told.off()?)))
         };
-        // One noise for both: the mean of theirs.
-        let grown =
-            |of: fn(&Reckoned) -> f64| 0.5 * (of(own) - of(&then[0]) + of(theirs) - of(&then[1]));
-        let by = STATED_SHARE.powi(2) + added_sigmas.powi(2);
-        let noise = noise(
-            by * grown(|one| one.translation_variance_m2),
-            by * grown(|one| one.rotation_variance_rad2),
-            range.variance_m2,
-        );
-        if filter.update(&motion, Some(range.range_m), &noise).is_err() {
-            refused += 1;
-            continue;
-        }
-        *before = keys;
-        let truth = keys.map(|key| graph.vertices.get(&key));
-        if let (Some(mode), [Some(own), Some(theirs)]) = (filter.estimate(), truth) {
-            let truth = planar(&theirs.pose).seen_from(&planar(&own.pose));
-            let (off_m, off_rad) = error(&mode.at, &truth);
-            moments.push((range.time_s - begun_s, off_m, off_rad));
-        }
+        let after =
+            || offs().filter(|(time_s, _)| converged_s.is_some_and(|since| *time_s >= since));
+        Some(PairResult {
+            observer,
+            robot,
+            added_sigmas,
+            ranges,
+            refused,
+            unexplained: follower.counters().unexplained,
+            refuted: follower.counters().refuted,
+            told_s: offs().next().map(|(time_s, _)| time_s),
+            converged_s,
+            position_m: Spread::of(after().map(|(_, off)| off.position_m)),
+            heading_rad: Spread::of(after().map(|(_, off)| off.yaw_rad)),
+            worst_m: offs().fold(0.0, |worst, (_, off)| off.position_m.max(worst)),
+            nees: Spread::of(offs().map(|(_, off)| off.nees)),
+            told: Shares::of(moments.iter().map(|(_, told)| told)),
+        })
     }
-    if ranges == 0 {
-        return None;
+
+    /// A distance with where both were by their odometry. None when one of them has none.
+    fn sample(&self, range: &RangeEdge, [own, neighbour]: [Key; 2]) -> Option<RangeSample> {
+        Some(RangeSample {
+            taken: Stamp::default() + Span::from_secs_f64(range.time_s),
+            range_m: range.range_m,
+            sigma_m: range.variance_m2.sqrt(),
+            own: *self.reckoned.get(&own)?,
+            neighbour: *self.reckoned.get(&neighbour)?,
+        })
     }
-    let converged = converged(&moments);
-    let after = &moments[converged.unwrap_or(moments.len())..];
-    let position = spread(after.iter().map(|moment| moment.1));
-    let heading = spread(after.iter().map(|moment| moment.2));
-    Some(PairResult {
-        observer,
-        robot,
-        added_sigmas,
-        ranges,
-        refused,
-        converged_s: converged.map(|index| moments[index].0),
-        position_rmse_m: position.0,
-        position_median_m: position.1,
-        heading_rmse_rad: heading.0,
-        heading_median_rad: heading.1,
-    })
+
+    fn truth(&self, keys: [Key; 2]) -> Option<Truth> {
+        let sound = |key: &Key| {
+            let vertex = self.graph.vertices.get(key)?;
+            let mut torn = self.torn.iter();
+            let is_torn = torn.any(|(robot, time_s)| {
+                *robot == key.robot && (vertex.time_s - time_s).abs() <= TORN.1
+            });
+            (!is_torn).then_some(vertex)
+        };
+        let [Some(own), Some(neighbour)] = keys.map(|key| sound(&key)) else {
+            return None;
+        };
+        Some(Truth {
+            position_m: relative_position_m(&own.pose, &neighbour.pose),
+            yaw_rad: yaw_rad(&neighbour.pose) - yaw_rad(&own.pose),
+        })
+    }
 }
 
-/// The first moment of those that are good for long enough.
-fn converged(moments: &[Moment]) -> Option<usize> {
+/// When the truth of which robot was torn (s).
+fn torn(graph: &FactorGraph) -> Vec<(char, f64)> {
+    let torn = graph.odometry.iter().filter_map(|step| {
+        let [from, to] = [step.from, step.to].map(|key| graph.vertices.get(&key));
+        let (from, to) = (from?, to?);
+        let truth_rad = yaw_rad(&to.pose) - yaw_rad(&from.pose);
+        let off_rad = wrapped_rad(truth_rad - yaw_rad(&step.motion));
+        (off_rad.abs() > TORN.0).then_some((step.to.robot, to.time_s))
+    });
+    torn.collect()
+}
+
+/// When it begins (s) that everything told is good, for long enough.
+fn converged(moments: &[Moment]) -> Option<f64> {
     let (near_m, near_rad, long_s) = CONVERGED;
-    let mut first = None;
-    for (index, (time_s, off_m, off_rad)) in moments.iter().enumerate() {
-        if *off_m > near_m || *off_rad > near_rad {
-            first = None;
+    let mut first_s = None;
+    for (time_s, told) in moments {
+        let Some(off) = told.off() else { continue };
+        if off.position_m > near_m || off.yaw_rad > near_rad {
+            first_s = None;
             continue;
         }
-        let since = *first.get_or_insert(index);
-        if time_s - moments[since].0 >= long_s {
-            return Some(since);
+        let since_s = *first_s.get_or_insert(*time_s);
+        if time_s - since_s >= long_s {
+            return Some(since_s);
         }
     }
     None
-}
-
-fn noise(translation_m2: f64, rotation_rad2: f64, range_m2: f64) -> Noise {
-    Noise {
-        range_sigma_m: range_m2.max(0.0).sqrt(),
-        translation_sigma_m: translation_m2.max(0.0).sqrt(),
-        rotation_sigma_rad: rotation_rad2.max(0.0).sqrt(),
-    }
-}
-
-fn between(before: &Reckoned, now: &Reckoned) -> Turtle {
-    Turtle {
-        translation_m: Rotation2::new(-before.heading_rad) * (now.position_m - before.position_m),
-        rotation_rad: now.heading_rad - before.heading_rad,
-    }
-}
-
-fn planar(pose: &Pose) -> PlanarPose {
-    PlanarPose {
-        position_m: pose.translation.vector.xy(),
-        heading_rad: yaw_rad(pose),
-    }
-}
-
-/// Root of the mean square, and median; NaN of nothing.
-fn spread(errors: impl Iterator<Item = f64>) -> (f64, f64) {
-    let mut all: Vec<f64> = errors.collect();
-    all.sort_by(f64::total_cmp);
-    let squares = all.iter().map(|one| one.powi(2)).sum::<f64>() / all.len() as f64;
-    let median = all.get(all.len() / 2).copied().unwrap_or(f64::NAN);
-    (squares.sqrt(), median)
 }
 
 /// The results as people read them.
 #[must_use]
 pub fn table(results: &[PairResult]) -> String {
     let mut text = String::from(
-        "pair   added noise  distances (refused)  converged after s   position m RMSE, median   heading rad RMSE, median\n",
+        "        added  distances    after s:       afterwards, RMSE (median)          ever: NEES       told, % of distances: a\n\
+         pair    noise  (refused)    told  close  position m     heading rad      worst m  mean (median)  place  imprecise  several  none  given up\n",
     );
+    let seconds =
+        |time_s: Option<f64>| time_s.map_or_else(|| "never".to_owned(), |s| format!("{s:.1}"));
     for one in results {
-        let converged = one.converged_s;
+        let share = |share: f64| format!("{:.1}", 100.0 * share);
         let _ = writeln!(
             text,
-            "{} of {} {:>10.1}x {:>9} ({:>4}) {:>20} {:>14.3} {:>9.3} {:>15.3} {:>9.3}",
+            "{} of {} {:>5.1}x {:>7} ({}) {:>6} {:>6}  {:.3} ({:.3})  {:.3} ({:.3}) {:>9.2} {:>7.2} ({:.2}) {:>8} {:>9} {:>8} {:>6} {:>5}",
             one.robot,
             one.observer,
             one.added_sigmas,
             one.ranges,
             one.refused,
-            converged.map_or_else(|| "never".to_owned(), |s| format!("{s:.1}")),
-            one.position_rmse_m,
-            one.position_median_m,
-            one.heading_rmse_rad,
-            one.heading_median_rad,
+            seconds(one.told_s),
+            seconds(one.converged_s),
+            one.position_m.rms,
+            one.position_m.median,
+            one.heading_rad.rms,
+            one.heading_rad.median,
+            one.worst_m,
+            one.nees.mean,
+            one.nees.median,
+            share(one.told.place),
+            share(one.told.imprecise),
+            share(one.told.ambiguous),
+            share(one.told.nothing),
+            one.refuted,
         );
     }
     text
@@ -281,23 +288,35 @@ pub fn table(results: &[PairResult]) -> String {
 #[must_use]
 pub fn csv(results: &[PairResult]) -> String {
     let mut text = String::from(
-        "observer,robot,added_sigmas,ranges,refused,converged_s,position_rmse_m,position_median_m,heading_rmse_rad,\
-         heading_median_rad\n",
+        "observer,robot,added_sigmas,ranges,refused,unexplained,refuted,told_s,converged_s,position_rmse_m,\
+         position_median_m,heading_rmse_rad,heading_median_rad,worst_m,nees_mean,nees_median,place,imprecise,ambiguous,\
+         nothing\n",
     );
+    let seconds = |time_s: Option<f64>| time_s.map_or_else(String::new, |s| s.to_string());
     for one in results {
         let _ = writeln!(
             text,
-            "{},{},{},{},{},{},{},{},{},{}",
+            "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}",
             one.observer,
             one.robot,
             one.added_sigmas,
             one.ranges,
             one.refused,
-            one.converged_s.map_or_else(String::new, |s| s.to_string()),
-            one.position_rmse_m,
-            one.position_median_m,
-            one.heading_rmse_rad,
-            one.heading_median_rad,
+            one.unexplained,
+            one.refuted,
+            seconds(one.told_s),
+            seconds(one.converged_s),
+            one.position_m.rms,
+            one.position_m.median,
+            one.heading_rad.rms,
+            one.heading_rad.median,
+            one.worst_m,
+            one.nees.mean,
+            one.nees.median,
+            one.told.place,
+            one.told.imprecise,
+            one.told.ambiguous,
+            one.told.nothing,
         );
     }
     text

@@ -157,6 +157,23 @@ impl Hypothesis {
             + neighbour * moved.neighbour_covariance * neighbour.transpose()
     }
 
+    /// The same in a world upside down.
+    pub(super) fn below(&self) -> Self {
+        let place = &self.pose.position_m;
+        let below = Vector3::new(place.x, place.y, -place.z);
+        let mut covariance = self.covariance;
+        // The axis up across the line of sight is the one that the mirror turns round.
+        for i in [0, 1, 3] {
+            covariance[(2, i)] = -covariance[(2, i)];
+            covariance[(i, 2)] = -covariance[(i, 2)];
+        }
+        Self {
+            pose: RelativePose::new(below, self.pose.yaw_rad),
+            covariance,
+            log_weight: self.log_weight,
+        }
+    }
+
     /// Whether two have become one: each within a standard deviation of the other.
     pub(super) fn is_same(&self, other: &Self) -> bool {
         let there = self.pose.step_to(&other.pose);

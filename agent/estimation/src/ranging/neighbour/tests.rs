@@ -178,3 +178,62 @@ fn interrupted_odometry_begins_anew_and_is_counted() {
     assert_eq!(neighbour.counters().interrupted, 1);
     assert_eq!(neighbour.estimate().observability, Observability::Unknown);
 }
+
+/// Rounds in which a place was told, and those in which it was more than 3 m off.
+fn told_and_wrong(
+    settings: NeighbourSettings,
+    seed: u64,
+    rounds: usize,
+    motion: impl Fn(&mut World, usize) -> Motion,
+) -> (usize, usize) {
+    let spatial = settings.window.dimension == Dimension::Spatial;
+    let rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut world = World::new(rng, Noise::USUAL, 2, spatial);
+    let mut neighbour = Neighbour::new(settings);
+    let (mut told, mut wrong) = (0, 0);
+    for _ in 0..rounds {
+        for robot in 0..2 {
+            let motion = motion(&mut world, robot);
+            world.drive(robot, &motion);
+        }
+        world.round += 1;
+        let _ = neighbour.handle(&world.range(0, 1));
+        if neighbour.estimate().observability == Observability::Observable {
+            told += 1;
+            wrong += usize::from(error_m(&world, &neighbour) > 3.0);
+        }
+    }
+    (told, wrong)
+}
+
+/// Both fly circles near each other, and climb so much a round.
+fn circling(world: &mut World, climb_m: f64) -> Motion {
+    Motion {
+        turn_rad: world.rng.random_range(0.2..0.8),
+        forward_m: Vector3::new(3.0, 0.0, climb_m * world.rng.random_range(-1.0..1.0)),
+    }
+}
+
+#[test]
+fn whether_it_is_above_or_below_is_not_told_of_two_that_keep_their_heights() {
+    let (mut told, mut wrong) = (0, 0);
+    for seed in 0..40 {
+        let level = |world: &mut World, _: usize| circling(world, 0.0);
+        let seen = told_and_wrong(NeighbourSettings::SPATIAL, seed, 40, level);
+        told += seen.0;
+        wrong += seen.1;
+    }
+    assert!(wrong <= 16, "{told} {wrong}");
+}
+
+#[test]
+fn of_two_that_climb_a_place_is_told_and_it_is_the_right_one() {
+    let (mut told, mut wrong) = (0, 0);
+    for seed in 0..40 {
+        let climbing = |world: &mut World, _: usize| circling(world, 2.0);
+        let seen = told_and_wrong(NeighbourSettings::SPATIAL, seed, 40, climbing);
+        told += seen.0;
+        wrong += seen.1;
+    }
+    assert!(told >= 800 && wrong <= 16, "{told} {wrong}");
+}
