@@ -33,6 +33,10 @@ const FEATURES_AGE_MAX: Span = Span::secs(1);
 /// How far ahead of our time it may lie, by the sender's clock as we know it.
 pub(crate) const AHEAD_MAX: Span = Span::secs(1);
 
+/// How far ahead of its arrival a feature set may be taken, beyond what is not known of the sender's clock: a time that is
+/// wrong by half a second moves where all robots are held to be, and too little for the estimator to see.
+const FEATURES_AHEAD_MAX: Span = Span::millis(20);
+
 /// The word by which packets of a backlog are counted.
 const BACKLOG: &str = "backlog";
 
@@ -285,7 +289,8 @@ impl Listener<'_> {
         self.admit(now, neighbour, &said)?;
         let boot = neighbour.boot(envelope.boot);
         let mine = boot.clock.to_mine(taken).ok_or(Refused::ClockUnknown)?;
-        if mine - now > AHEAD_MAX {
+        let unknown = boot.clock.error_bound(now).unwrap_or(Span::ZERO);
+        if mine - now > unknown + FEATURES_AHEAD_MAX {
             return Err(Refused::FromTheFuture);
         }
         if now - mine > FEATURES_AGE_MAX || boot.is_before_step(taken) {
@@ -506,6 +511,16 @@ mod tests {
         }
 
         fn hear(&mut self, now: Stamp, bytes: &[u8]) {
+            let key = PacketKey::Odometry { from: name("v2") };
+            assert_eq!(self.hear_under(key, now, bytes), Ok(None));
+        }
+
+        fn hear_under(
+            &mut self,
+            key: PacketKey,
+            now: Stamp,
+            bytes: &[u8],
+        ) -> Result<Option<Heard>, Refused> {
             let rounds = Rounds::new(now, PERIOD, PERIOD);
             let listener = Listener {
                 me: name("v1"),
@@ -515,9 +530,7 @@ mod tests {
                 sent: &self.sent,
                 smooths: true,
             };
-            let key = PacketKey::Odometry { from: name("v2") };
-            let heard = listener.hear(now, &mut self.neighbours, key, bytes);
-            assert_eq!(heard, Ok(None));
+            listener.hear(now, &mut self.neighbours, key, bytes)
         }
 
         fn neighbour(&self) -> &Neighbour {
@@ -560,16 +573,49 @@ mod tests {
     }
 
     fn packet(sequence: u32, record: &RoundRecord) -> Vec<u8> {
-        let envelope = Envelope {
+        codec::encode(envelope(sequence, record.sent_ns), record).unwrap()
+    }
+
+    fn envelope(sequence: u32, taken_ns: i64) -> Envelope {
+        Envelope {
             major: 0,
             minor: 0,
             body_bytes: 0,
             sequence,
             boot: 7,
             sender: name("v2").hash(),
-            taken_ns: record.sent_ns,
+            taken_ns,
+        }
+    }
+
+    #[test]
+    fn what_a_camera_sees_after_it_was_heard_is_refused() {
+        let mut hearer = Hearer::new();
+        let mut heard = |sequence, taken_ms: i64| {
+            let set = features::FeatureSet {
+                sent_ns: at(taken_ms).as_nanos(),
+                roll_rad: 0.0,
+                pitch_rad: 0.0,
+                yaw_rate_rad_s: 0.0,
+                acceleration_m_s2: [0.0, 0.0, 9.81],
+                integrals: features::Integrals {
+                    elapsed_s: 2.0,
+                    yaw_rad: 0.0,
+                    velocity_m_s: [0.0; 3],
+                    position_m: [0.0; 3],
+                },
+                features: vec![],
+                tracks: vec![],
+            };
+            let bytes = codec::encode(envelope(sequence, set.sent_ns), &set).unwrap();
+            let key = PacketKey::Features { from: name("v2") };
+            matches!(hearer.hear_under(key, at(2_000), &bytes), Ok(Some(_)))
         };
-        codec::encode(envelope, record).unwrap()
+        assert!(heard(1, 1_950));
+        assert!(heard(2, 2_010));
+        assert!(!heard(3, 2_100), "taken a tenth of a second after it came");
+        let refused = &hearer.neighbour().counts.refused;
+        assert_eq!(refused.to_document()["from_the_future"], 1);
     }
 
     #[test]

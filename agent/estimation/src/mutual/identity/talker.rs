@@ -7,7 +7,7 @@ use crate::mutual::feature_set::{
     FEATURES_MAX, Feature, FeatureSet, Inertial, Motion, TRACKS_MAX, TrackNumber,
 };
 use crate::mutual::unused::{Unused, is_flyable, is_understood};
-use crate::time::Stamp;
+use crate::time::{Span, Stamp};
 use crate::vehicle_id::VehicleId;
 use nalgebra::{UnitVector3, Vector3};
 
@@ -19,8 +19,11 @@ const EXTRAPOLATED_MAX_S: f64 = 0.3;
 /// last for most of a second (m^2/s^3, rad^2/s).
 const SILENT_ACCELERATION_M2_S3: f64 = 3.0;
 const SILENT_TURN_RAD2_S: f64 = 0.1;
-/// Two sets that are further apart by the sender's integration than by their stamps (s, beside a tenth): it was restarted.
-const RESTARTED_S: f64 = 0.5;
+/// A stamp that leaves the sender's own integration by more than this (s): it was restarted, or its clock was set. What was
+/// known of it was of another time.
+const CLOCK_LEFT_S: f64 = 0.1;
+/// How much of what a stamp leaves the integration by is drift of clocks (per second).
+const CLOCK_DRIFT: f64 = 0.01;
 /// Tracks of a vehicle that has been silent for so long are dead (s).
 const TRACKS_LIVE_S: f64 = 0.5;
 /// Crossings mixed less than this are passed over.
@@ -32,6 +35,8 @@ pub(super) struct Talker {
     pub(super) vehicle: VehicleId,
     pub(super) taken: Stamp,
     inertial: Inertial,
+    /// When its integration began, by the stamps.
+    began: Stamp,
     /// Mean acceleration without gravity (m/s^2) in the gyro frame, and yaw rate (rad/s), over the last interval.
     rates: (Vector3<f64>, f64),
     /// What the filters have moved it by so far.
@@ -78,6 +83,7 @@ impl Talker {
             vehicle,
             taken: set.taken,
             inertial: set.inertial,
+            began: began(set),
             rates: (Vector3::zeros(), 0.0),
             used: set.inertial,
             waiting: Vec::with_capacity(WAITING_MAX),
@@ -105,9 +111,9 @@ impl Talker {
         if !is_understood(set) {
             return Err(Unused::Implausible);
         }
-        let by_stamp_s = (set.taken - self.taken).as_secs_f64();
-        let elapsed_s = set.inertial.elapsed_s - self.inertial.elapsed_s;
-        if (elapsed_s - by_stamp_s).abs() > RESTARTED_S + 0.1 * by_stamp_s {
+        let drift_max_s = CLOCK_DRIFT * (set.taken - self.taken).as_secs_f64();
+        let left_s = (began(set) - self.began).as_secs_f64();
+        if left_s.abs() > CLOCK_LEFT_S + drift_max_s {
             return Ok(Taken::Restarted);
         }
         if !is_flyable(&set.inertial.since(&self.inertial)) {
@@ -115,6 +121,8 @@ impl Talker {
         }
         let faster = set.inertial.velocity_m_s - self.inertial.velocity_m_s;
         let turned_rad = set.inertial.yaw_rad - self.inertial.yaw_rad;
+        let elapsed_s = set.inertial.elapsed_s - self.inertial.elapsed_s;
+        self.began = self.began + Span::from_secs_f64(left_s.clamp(-drift_max_s, drift_max_s));
         self.rates = (faster / elapsed_s, turned_rad / elapsed_s);
         self.take(set);
         Ok(Taken::Newer)
@@ -284,6 +292,11 @@ impl Talker {
             crossings: &self.crossings,
         }
     }
+}
+
+/// When the integration of a set began, by its stamp.
+fn began(set: &FeatureSet) -> Stamp {
+    set.taken - Span::from_secs_f64(set.inertial.elapsed_s)
 }
 
 fn is_direction(direction: &UnitVector3<f64>) -> bool {

@@ -54,3 +54,31 @@ fn what_was_guessed_is_made_good() {
     let back = talker.moved_until(stamp(1.0));
     assert!((back.yaw_rad + 0.05).abs() < 1e-9);
 }
+
+#[test]
+fn a_clock_that_drifts_is_followed_and_one_that_is_set_begins_anew() {
+    let mut flight = Flight::new(
+        &[[0.0, 0.0, 2.0], [3.0, -1.0, 3.0]],
+        2,
+        0.05,
+        ChaCha8Rng::seed_from_u64(2),
+    );
+    let mut told_at = |t_s: f64, clock_s: f64| {
+        let mut set = flight.set(1, t_s);
+        set.taken = stamp(clock_s);
+        set
+    };
+    let first = told_at(0.0, 0.0);
+    let mut talker = Talker::new(VehicleId(1), &first).expect("it is understood");
+    // Half a per cent over a minute: three times what a step may be.
+    for second in 1..=60 {
+        let t_s = f64::from(second);
+        let outcome = talker.hear(&told_at(t_s, 1.005 * t_s));
+        assert_eq!(outcome, Ok(Taken::Newer), "after {second} s");
+    }
+    let mut set_back = talker.clone();
+    let ahead = talker.hear(&told_at(60.1, 60.1 * 1.005 + 0.15));
+    assert_eq!(ahead, Ok(Taken::Restarted));
+    let behind = set_back.hear(&told_at(61.0, 61.0 * 1.005 - 0.15));
+    assert_eq!(behind, Ok(Taken::Restarted));
+}
