@@ -70,6 +70,9 @@ pub(crate) struct FlyArguments {
     /// Leave the sensor mounts out of the agents' configuration, to see what that costs.
     #[arg(long)]
     without_mounts: bool,
+    /// Keep the bearings whose robots were found out from the agents' own poses, to see what those give.
+    #[arg(long)]
+    without_bearings: bool,
     /// Write an input log of every agent into this folder.
     #[arg(long)]
     log: Option<PathBuf>,
@@ -380,6 +383,7 @@ fn start_agents(
         let mut config = world.config(vehicle, new_boot());
         config.estimate_spacing = Span::millis(20);
         config.mode = arguments.mode.mode();
+        config.mutual.bearings_to_cooperative &= !arguments.without_bearings;
         if arguments.without_mounts {
             for sensor in &mut config.sensors {
                 sensor.body_from_sensor = skein_estimation::Transform::identity();
