@@ -1,14 +1,16 @@
 //! Where one neighbour is, from ranges alone: a window solved from where it is believed to be and from everywhere, and
-//! one range for the bank of filters. Beside them, in the same run, the plainest solver of the same window: descents with
-//! unit weights and numerical derivatives from a grid of starts, as a first draft would do it.
+//! one range for the bank of filters; and a round of the motion schedule of a thousand robots. Beside them, in the same run,
+//! the plainest solver of the same window: descents with unit weights and numerical derivatives from a grid of starts, as a
+//! first draft would do it; and a robot that knows all of the thousand and elects for them.
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use nalgebra::{Matrix3, Vector3};
 use skein_estimation::odometry::Growth;
 use skein_estimation::ranging::bank::BankSettings;
+use skein_estimation::ranging::schedule::{PHASES, Permit, Scheduler, Slot};
 use skein_estimation::ranging::window::{Starts, WindowSettings};
 use skein_estimation::ranging::{Bank, LevelOdometry, RangeSample, RelativePose, Window};
-use skein_estimation::{Span, Stamp};
+use skein_estimation::{Span, Stamp, VehicleId};
 use std::hint::black_box;
 
 /// Both drive curves of different radii; ranges are a decimetre wrong, now to this side and now to that.
@@ -193,5 +195,97 @@ fn bank(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, windows, bank);
+/// Robots that stand in a grid and hear the eight around them.
+const COLUMNS: usize = 40;
+const ROBOTS: usize = 1000;
+
+fn neighbours(robot: usize) -> Vec<usize> {
+    let (row, column) = (robot / COLUMNS, robot % COLUMNS);
+    let near = |other: &usize| {
+        let apart = (other / COLUMNS)
+            .abs_diff(row)
+            .max((other % COLUMNS).abs_diff(column));
+        apart == 1
+    };
+    (0..ROBOTS).filter(near).collect()
+}
+
+/// The numbers that are drawn: spread over all bits (the finaliser of MurmurHash3), different in every phase.
+fn drawn(robot: usize, phase: u32) -> u32 {
+    let mut bits = robot as u32 ^ phase.wrapping_mul(0x9e37_79b9);
+    bits = (bits ^ (bits >> 16)).wrapping_mul(0x85eb_ca6b);
+    bits = (bits ^ (bits >> 13)).wrapping_mul(0xc2b2_ae35);
+    bits ^ (bits >> 16)
+}
+
+/// Lets a round go by. Who may move is decided when the next begins.
+fn round(schedulers: &mut [Scheduler], near: &[Vec<usize>], round: u32) {
+    for phase in 0..PHASES {
+        let slot = Slot::new(round, phase).expect("rounds are counted from one");
+        let draw = |robot| drawn(robot, round * u32::from(PHASES) + u32::from(phase));
+        let said: Vec<_> = (schedulers.iter_mut().enumerate())
+            .map(|(robot, scheduler)| scheduler.begin_phase(slot, draw(robot)))
+            .collect();
+        for (from, message) in said.iter().enumerate() {
+            for to in &near[from] {
+                let heard = schedulers[*to].hear(VehicleId(from as u64 + 1), message);
+                debug_assert!(heard.is_ok());
+            }
+        }
+    }
+}
+
+/// Who moves, elected by one that knows all: whoever drew the most among its undecided neighbours, until all are decided.
+fn elected(near: &[Vec<usize>], round: u32) -> Vec<bool> {
+    let mut undecided = vec![true; near.len()];
+    let mut moves = vec![false; near.len()];
+    let value = |robot: usize| (drawn(robot, round), robot);
+    while undecided.contains(&true) {
+        let wins = |robot: &usize| {
+            let rivals = near[*robot].iter().filter(|rival| undecided[**rival]);
+            undecided[*robot] && rivals.copied().all(|rival| value(rival) < value(*robot))
+        };
+        let winners: Vec<usize> = (0..near.len()).filter(wins).collect();
+        for winner in winners {
+            moves[winner] = true;
+            undecided[winner] = false;
+            for beaten in &near[winner] {
+                undecided[*beaten] = false;
+            }
+        }
+    }
+    moves
+}
+
+fn schedule(criterion: &mut Criterion) {
+    const ROUNDS_BEFORE: u32 = 10;
+    let mut group = criterion.benchmark_group("a round of the schedule of a thousand");
+    group.sample_size(20);
+    let near: Vec<_> = (0..ROBOTS).map(neighbours).collect();
+    let mut schedulers: Vec<_> = (1..=ROBOTS as u64)
+        .map(|robot| Scheduler::new(VehicleId(robot)))
+        .collect();
+    for nth in 1..=ROUNDS_BEFORE {
+        round(&mut schedulers, &near, nth);
+    }
+    let movers = schedulers.iter().filter(|one| one.permit() == Permit::Move);
+    assert!(movers.count() > 0, "they have been electing for a while");
+    group.bench_function("each by what it hears", |bencher| {
+        let mut nth = ROUNDS_BEFORE;
+        bencher.iter(|| {
+            nth += 1;
+            round(black_box(&mut schedulers), &near, nth);
+        });
+    });
+    group.bench_function("one that knows all", |bencher| {
+        let mut nth = 0;
+        bencher.iter(|| {
+            nth += 1;
+            black_box(elected(&near, nth))
+        });
+    });
+    group.finish();
+}
+
+criterion_group!(benches, windows, bank, schedule);
 criterion_main!(benches);
