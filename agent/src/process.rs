@@ -8,8 +8,8 @@ use crate::queries::Question;
 use crate::queue::Queue;
 use crate::record::LogHealth;
 use crate::refusals::Refusals;
-use skein_estimation::mutual::Work;
 use skein_proto::document::{HealthDocument, ProcessHealth};
+use skein_vehicle::Work;
 use zenoh::Wait;
 
 pub(crate) struct Process {

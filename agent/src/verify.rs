@@ -2,10 +2,9 @@
 
 use crate::record::{FORMAT, Header, INPUT, InputRecord, METADATA, OUTPUT, OutputRecord, from_hex};
 use mcap::records::{Metadata, Record};
-use skein_estimation::mutual::{Done, Work};
 use skein_estimation::time::Stamp;
 use skein_proto::name::Name;
-use skein_vehicle::{Input, Output, Vehicle};
+use skein_vehicle::{Done, Input, Output, Vehicle, Work};
 use std::collections::VecDeque;
 use std::path::Path;
 

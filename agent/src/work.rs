@@ -3,11 +3,10 @@
 use crate::clock::Clock;
 use crate::inbox::Inbox;
 use crate::queue::Queue;
-use skein_estimation::mutual::Work;
-use skein_vehicle::Input;
+use skein_vehicle::{Input, Work};
 
-/// Computations that wait at most: a newer one makes an older one worthless.
-pub(crate) const WORK_MAX: usize = 1;
+/// Computations that wait at most: one of either pipeline. A newer one makes an older one worthless.
+pub(crate) const WORK_MAX: usize = 2;
 
 /// Runs what is asked for until the queue is closed; results go the way of every other input.
 pub(crate) fn run(work: &Queue<Box<Work>>, clock: &Clock, inbox: &Inbox) {

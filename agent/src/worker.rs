@@ -10,10 +10,9 @@ use crate::process::Process;
 use crate::published::{Published, PublishedEstimate};
 use crate::queue::Queue;
 use crate::record::{Recorder, Step};
-use skein_estimation::mutual::Work;
 use skein_estimation::time::{Span, Stamp};
 use skein_proto::backlog::Question;
-use skein_vehicle::{Input, Output, Vehicle};
+use skein_vehicle::{Input, Output, Vehicle, Work};
 use std::sync::Arc;
 
 pub(crate) struct Worker {

@@ -8,8 +8,8 @@ mod team;
 pub use covariance::CovarianceDocument;
 pub use mutual::{FeatureDocument, MutualDocument, MutualHealth, MutualStatus, ReducedDocument};
 pub use ranging::{
-    MotionDocument, Permit, RangedDocument, RangingDocument, RangingHealth, RangingStatus,
-    ScheduleHealth,
+    FormationHealth, MotionDocument, Permit, RangedBy, RangedDocument, RangingDocument,
+    RangingHealth, RangingStatus, ScheduleHealth,
 };
 pub use team::{NoiseScales, TeamHealth, TeamMemberHealth};
 

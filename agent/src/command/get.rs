@@ -8,7 +8,8 @@ use crate::clock::Clock;
 use crate::queries::About;
 use skein_estimation::time::Stamp;
 use skein_proto::document::{
-    CovarianceDocument, EstimateDocument, MutualDocument, Permit, PoseDocument, RangingDocument,
+    CovarianceDocument, EstimateDocument, MutualDocument, Permit, PoseDocument, RangedBy,
+    RangingDocument,
 };
 use skein_proto::name::Name;
 
@@ -180,7 +181,10 @@ fn distances_line(now: Stamp, ranging: &RangingDocument) -> String {
     });
     let age = age(now, ranging.taken_ns);
     located_line(
-        "by distances",
+        match ranging.by {
+            Some(RangedBy::All) => "by all distances",
+            Some(RangedBy::Pair) | None => "by distances",
+        },
         &ranging.words(),
         &age,
         ranging.pose.as_ref(),

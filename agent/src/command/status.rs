@@ -212,6 +212,19 @@ fn ranging_lines(ranging: &RangingHealth) -> String {
         ranging.used, ranging.waiting, ranging.placed
     );
     counters(&mut lines, "    refused", &ranging.refused);
+    if let Some(formation) = &ranging.formation {
+        let _ = writeln!(
+            lines,
+            "  distances between {} neighbours: {} used, {} waiting; {} searches of all, {} dropped, {} that nothing fits",
+            formation.neighbours,
+            formation.used,
+            formation.waiting,
+            formation.work_done,
+            formation.work_dropped,
+            formation.unfit
+        );
+        counters(&mut lines, "    refused", &formation.refused);
+    }
     if let Some(schedule) = &ranging.schedule {
         let _ = writeln!(
             lines,

@@ -1,9 +1,10 @@
 //! What a vehicle is given: readings, packets, comings and goings, and the passing of time.
 
 use serde::{Deserialize, Serialize};
-use skein_estimation::mutual::Done;
 use skein_proto::keys::Key;
 use skein_proto::name::Name;
+
+use crate::work::Done;
 
 /// One event. It reaches [`crate::Vehicle::handle`] together with its arrival time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

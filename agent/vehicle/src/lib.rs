@@ -40,6 +40,7 @@ pub mod input;
 pub mod output;
 pub mod told_pose;
 pub mod vehicle;
+pub mod work;
 
 mod anchor;
 mod asking;
@@ -75,3 +76,4 @@ pub use input::{Input, PacketKey};
 pub use output::Output;
 pub use told_pose::ToldPose;
 pub use vehicle::Vehicle;
+pub use work::{Done, Work};

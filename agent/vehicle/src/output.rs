@@ -2,10 +2,11 @@
 
 use crate::checkpoint::Checkpoint;
 use crate::input::PacketKey;
-use skein_estimation::mutual::Work;
 use skein_estimation::time::Stamp;
 use skein_proto::document::{EstimateDocument, HealthDocument};
 use skein_proto::name::Name;
+
+use crate::work::Work;
 
 /// One wish. [`crate::Vehicle::poll`] hands them out in order and ends with [`Output::WakeAt`].
 #[derive(Clone, Debug, PartialEq)]

@@ -3,7 +3,6 @@
 use std::collections::VecDeque;
 
 use skein_estimation::cooperative::{Mode, Star, StarWorkspace};
-use skein_estimation::mutual::Done;
 use skein_estimation::odometry::Growth;
 use skein_estimation::time::{Span, Stamp};
 use skein_estimation::{Transform, VehicleId};
@@ -33,6 +32,7 @@ use crate::speaking::{PARTNERS_MAX, Speech};
 use crate::told_pose::ToldPose;
 use crate::translate;
 use crate::trust::{Mark, Trust};
+use crate::work::{Done, Job, Outcome, Work};
 
 /// How often the health is published.
 const HEALTH_EVERY: Span = Span::secs(1);
@@ -72,6 +72,8 @@ pub struct Vehicle {
     pub(crate) counts: RoundCounts,
     pub(crate) refused: Counters,
     pub(crate) outputs: VecDeque<Output>,
+    /// Long computations handed out.
+    pub(crate) works: u64,
     pub(crate) reported_at: Option<Stamp>,
     health_at: Stamp,
     /// Whether odometry moved the estimate since it was last published.
@@ -116,6 +118,7 @@ impl Vehicle {
             counts: RoundCounts::default(),
             refused: Counters::default(),
             outputs: VecDeque::new(),
+            works: 0,
             reported_at: None,
             health_at: now,
             moved: true,
@@ -334,9 +337,9 @@ impl Vehicle {
                 }
             };
             self.moved = true;
-            let work = self.mutual.begin_work();
-            self.outputs
-                .extend(work.map(|work| Output::Work(Box::new(work))));
+            if let Some(work) = self.mutual.begin_work() {
+                self.hand_out(Job::Registration(work));
+            }
             let packet = self
                 .speech
                 .features(now, set.taken, &mutual::to_wire(&set, now));
@@ -346,13 +349,25 @@ impl Vehicle {
         }
     }
 
+    /// Asks for a long computation, by the next number.
+    pub(crate) fn hand_out(&mut self, job: Job) {
+        self.works += 1;
+        let work = Work::new(self.works, job);
+        self.outputs.push_back(Output::Work(Box::new(work)));
+    }
+
     /// Takes what came of a long computation.
     fn finish_work(&mut self, done: Option<&Done>) {
-        let Some(done) = done else {
+        let Some(Done { number, outcome }) = done else {
             return;
         };
-        let bearings = self.mutual.finish_work(done, self.config.period);
-        self.take_bearings(self.now, bearings);
+        match outcome {
+            Outcome::Registration(done) => {
+                let bearings = self.mutual.finish_work(done, self.config.period);
+                self.take_bearings(self.now, bearings);
+            }
+            Outcome::Formation(best) => self.ranging.finish_work(*number, best.as_ref()),
+        }
     }
 
     fn take_bearings(&mut self, now: Stamp, bearings: Vec<IdentifiedBearing>) {

@@ -15,6 +15,9 @@ pub struct RangingDocument {
     /// When it is not converged: why, and what movement would tell more.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub why: Option<String>,
+    /// Which distances say so; absent while it is at no place.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub by: Option<RangedBy>,
     /// When it was there, in nanoseconds on this vehicle's clock.
     pub taken_ns: i64,
     /// `body_from_neighbour`: the likeliest of its places.
@@ -22,6 +25,16 @@ pub struct RangingDocument {
     /// The same reduced to what is estimated, in this vehicle's level frame (its body's origin, z up, x along its
     /// heading).
     pub reduced: Option<RangedDocument>,
+}
+
+/// Which distances a place follows from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RangedBy {
+    /// Those between this vehicle and the neighbour.
+    Pair,
+    /// Those of all pairs that are heard, while the neighbour's own leave its place open.
+    All,
 }
 
 /// A reduced relative pose without velocity.
@@ -106,9 +119,33 @@ pub struct RangingHealth {
     pub refused: BTreeMap<String, u64>,
     /// How often this vehicle's pose came from a neighbour that it had located by distances.
     pub placed: u64,
+    /// The search for where all are at once; absent while no neighbour tells of distances to another.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub formation: Option<FormationHealth>,
     /// The motion schedule; absent when the vehicle takes no part.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub schedule: Option<ScheduleHealth>,
+}
+
+/// How the search for where all are at once fares.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct FormationHealth {
+    /// Neighbours that take part.
+    pub neighbours: u64,
+    /// Distances between neighbours that were used.
+    pub used: u64,
+    /// Distances between neighbours that wait for odometry of their time.
+    pub waiting: u64,
+    /// Distances between neighbours that were not used, by reason.
+    pub refused: BTreeMap<String, u64>,
+    /// Searches handed out.
+    pub work_begun: u64,
+    /// Searches taken back.
+    pub work_done: u64,
+    /// Searches that did not come back in time.
+    pub work_dropped: u64,
+    /// Searches whose best formation does not fit the distances: one of them, or what somebody tells, is wrong.
+    pub unfit: u64,
 }
 
 /// How the motion schedule fares.

@@ -70,6 +70,53 @@ impl Place {
         let variances = &self.covariance;
         (variances[(0, 0)] + variances[(1, 1)] + variances[(2, 2)]).sqrt()
     }
+
+    /// The same place after both vehicles, own and neighbour, went from where their odometries had them to where those have
+    /// them now. None across an interruption, and when numbers fail.
+    #[must_use]
+    pub fn carried(
+        &self,
+        then: [&LevelOdometry; 2],
+        now: [&LevelOdometry; 2],
+        dimension: Dimension,
+    ) -> Option<Self> {
+        if then.map(|one| one.segment) != now.map(|one| one.segment) {
+            return None;
+        }
+        let to_steps = self.pose.axes().step_by_position();
+        let mut steps = to_steps * self.covariance * to_steps.transpose();
+        if dimension == Dimension::Planar {
+            hypothesis::decouple(&mut steps);
+        }
+        let known = Hypothesis {
+            pose: self.pose,
+            covariance: steps,
+            log_weight: 0.0,
+        };
+        let [own, neighbour] = [0, 1].map(|end| Past::of(then[end], now[end]));
+        let moved = Moved::new(own, neighbour, dimension == Dimension::Planar);
+        let (pose, steps) = known.predicted(&moved)?;
+        Some(Self::of_steps(pose, self.weight, steps, dimension))
+    }
+
+    /// From a covariance of steps.
+    fn of_steps(
+        pose: RelativePose,
+        weight: f64,
+        mut steps: Matrix4<f64>,
+        dimension: Dimension,
+    ) -> Self {
+        if dimension == Dimension::Planar {
+            steps[(2, 2)] = 0.0;
+        }
+        let most = steps[(1, 1)].max(steps[(2, 2)]).max(steps[(3, 3)]);
+        Self {
+            pose,
+            weight,
+            covariance: pose.covariance_of(&steps),
+            angle_sigma_rad: most.sqrt(),
+        }
+    }
 }
 
 /// What became of a range.
@@ -211,17 +258,7 @@ impl Bank {
     }
 
     fn place(&self, of: &Hypothesis, pose: RelativePose, steps: &Matrix4<f64>) -> Place {
-        let mut steps = *steps;
-        if self.settings.dimension == Dimension::Planar {
-            steps[(2, 2)] = 0.0;
-        }
-        let most = steps[(1, 1)].max(steps[(2, 2)]).max(steps[(3, 3)]);
-        Place {
-            pose,
-            weight: of.log_weight.exp(),
-            covariance: pose.covariance_of(&steps),
-            angle_sigma_rad: most.sqrt(),
-        }
+        Place::of_steps(pose, of.log_weight.exp(), *steps, self.settings.dimension)
     }
 
     fn moved_to(&self, own: &LevelOdometry, neighbour: &LevelOdometry) -> Moved {

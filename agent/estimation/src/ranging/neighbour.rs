@@ -148,13 +148,7 @@ impl Neighbour {
             self.begin_anew();
         }
         self.last = Some(*sample);
-        let far = self
-            .window
-            .newest()
-            .is_none_or(|newest| newest.moved_since_m(sample) >= self.settings.apart_m);
-        if far {
-            self.window.push(sample)?;
-        }
+        let far = self.window.push_apart(sample, self.settings.apart_m)?;
         Ok(match &mut self.bank {
             Some(bank) => {
                 let explained = bank.update(sample);
@@ -308,6 +302,12 @@ impl Neighbour {
         } else {
             Observability::Observable
         }
+    }
+
+    /// The last ranges that were far enough apart, followed or not.
+    #[must_use]
+    pub const fn window(&self) -> &Window {
+        &self.window
     }
 
     /// How often what happened.

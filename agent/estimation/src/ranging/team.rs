@@ -8,9 +8,10 @@
 mod formation;
 mod search;
 
-use super::pose::RelativePose;
+use super::bank::Place;
+use super::pose::{Dimension, RelativePose};
 use super::sample::{LevelOdometry, RangeRefusal, RangeSample};
-use super::window::WindowSettings;
+use super::window::{Criterion, WindowSettings};
 use nalgebra::Matrix4;
 
 /// Most robots in a team, the vehicle itself counted.
@@ -22,8 +23,11 @@ pub const FORMATIONS_MAX: usize = 24;
 /// Most formations in the answer.
 pub const ANSWERS_MAX: usize = 6;
 
+/// The squared residuals of a formation that fits exceed their number by no more than so many standard deviations.
+const FITS_SIGMAS: f64 = 5.0;
+
 /// Ranges heard within a team. Robot 0 is the vehicle itself.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Team {
     /// Where each robot is now, by its own odometry.
     now: Vec<LevelOdometry>,
@@ -61,6 +65,34 @@ pub struct Placed {
     pub cost_gap: f64,
 }
 
+impl Placed {
+    /// Where the robot is when both, robot 0 and it, have gone on by their odometries from where those had them when the
+    /// team was solved. None across an interruption, when numbers fail, and where this is not the only place or not known
+    /// well enough.
+    #[must_use]
+    pub fn carried(
+        &self,
+        then: [&LevelOdometry; 2],
+        now: [&LevelOdometry; 2],
+        dimension: Dimension,
+        criterion: &Criterion,
+    ) -> Option<Place> {
+        if self.cost_gap < criterion.cost_gap {
+            return None;
+        }
+        let placed = Place {
+            pose: self.pose,
+            weight: 1.0,
+            covariance: self.covariance,
+            angle_sigma_rad: 0.0,
+        };
+        let place = placed.carried(then, now, dimension)?;
+        let is_known = place.position_sigma_m() < criterion.position_sigma_max_m
+            && place.angle_sigma_rad < criterion.any_angle_rad;
+        is_known.then_some(place)
+    }
+}
+
 /// Where all are at once.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Formation {
@@ -68,6 +100,20 @@ pub struct Formation {
     pub placed: Vec<Option<Placed>>,
     /// Squared residuals over their covariance, plus the logarithm of its determinant.
     pub cost: f64,
+    /// The squared residuals over their covariance alone.
+    pub square: f64,
+    /// Ranges between robots that are placed.
+    pub ranges: usize,
+}
+
+impl Formation {
+    /// Whether the ranges are what noise alone makes of this formation. If those of the best are not, one of them was not
+    /// in line of sight, or what somebody tells is wrong.
+    #[must_use]
+    pub fn fits(&self) -> bool {
+        let ranges = self.ranges as f64;
+        self.square <= ranges + FITS_SIGMAS * (2.0 * ranges).sqrt()
+    }
 }
 
 impl Team {
@@ -125,7 +171,7 @@ impl Team {
     }
 
     /// The formations that fit best, best first, at most [`ANSWERS_MAX`]; none when no robot has enough ranges.
-    /// Its work is bounded: it takes milliseconds to tens of them.
+    /// Its work is bounded: three robots take some milliseconds, eight some hundreds.
     #[must_use]
     pub fn solve(&self, settings: &WindowSettings) -> Vec<Formation> {
         let formations = search::formations(self, settings);

@@ -184,6 +184,20 @@ impl Window {
         Ok(())
     }
 
+    /// Adds a range unless the two have moved less than so far (m), both together, since the newest. Returns whether it was
+    /// added.
+    ///
+    /// # Errors
+    /// Why the range was refused; the window is as it was.
+    pub fn push_apart(&mut self, sample: &RangeSample, apart_m: f64) -> Result<bool, RangeRefusal> {
+        let newest = self.newest();
+        let is_apart = newest.is_none_or(|newest| newest.moved_since_m(sample) >= apart_m);
+        if is_apart {
+            self.push(sample)?;
+        }
+        Ok(is_apart)
+    }
+
     /// Keeps only the newest so many.
     pub fn keep_newest(&mut self, count: usize) {
         let surplus = self.length.saturating_sub(count);

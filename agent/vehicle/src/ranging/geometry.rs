@@ -2,7 +2,7 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 use skein_estimation::odometry::OdometryPoint;
-use skein_estimation::ranging::{LevelOdometry, RangeSample, RelativePose};
+use skein_estimation::ranging::{LevelOdometry, RelativePose};
 use skein_estimation::{Body, Odometry, Transform};
 
 /// A point of the body, in the odometry frame (m).
@@ -23,25 +23,31 @@ pub(super) fn levelled(at: &OdometryPoint, position_m: Vector3<f64>) -> LevelOdo
     }
 }
 
+/// Odometry of a vehicle's body.
+pub(super) fn level(at: &OdometryPoint) -> LevelOdometry {
+    levelled(at, at.odometry_from_body.translation)
+}
+
 /// The heading of a rotation: yaw of yaw, pitch and roll.
 fn yaw_rad(rotation: &UnitQuaternion<f64>) -> f64 {
     rotation.euler_angles().2
 }
 
-/// The neighbour's body in this vehicle's at these points of their odometries, by a relative pose of the two ends of a
-/// distance.
+/// The neighbour's body in this vehicle's at these points of their odometries, by a relative pose of two ends `at`, this
+/// vehicle's and the neighbour's.
 pub(super) fn body_from_body(
-    at: &RangeSample,
+    at: [&LevelOdometry; 2],
     relative: &RelativePose,
     own: &OdometryPoint,
     neighbour: &OdometryPoint,
 ) -> Transform<Body, Body> {
     let about_z = |angle_rad| UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle_rad);
-    let own_turn = about_z(at.own.yaw_rad);
-    let turn = own_turn * about_z(relative.yaw_rad - at.neighbour.yaw_rad);
+    let [own_end, neighbour_end] = at;
+    let own_turn = about_z(own_end.yaw_rad);
+    let turn = own_turn * about_z(relative.yaw_rad - neighbour_end.yaw_rad);
     let odometry_from_odometry = Transform::<Odometry, Odometry>::new(
         turn,
-        at.own.position_m + own_turn * relative.position_m - turn * at.neighbour.position_m,
+        own_end.position_m + own_turn * relative.position_m - turn * neighbour_end.position_m,
     );
     own.odometry_from_body.inverse() * odometry_from_odometry * neighbour.odometry_from_body
 }
@@ -86,13 +92,6 @@ mod tests {
                 super::point(&point.odometry_from_body, &antennas[n]),
             )
         };
-        let sample = RangeSample {
-            taken: Stamp::default(),
-            range_m: (in_world[1] - in_world[0]).norm(),
-            sigma_m: 0.1,
-            own: level(0),
-            neighbour: level(1),
-        };
         let headings = [0, 1].map(|n: usize| yaw_rad(&then[n].rotation));
         let relative = RelativePose::new(
             turned(-headings[0], 0.0) * (in_world[1] - in_world[0]),
@@ -104,7 +103,7 @@ mod tests {
             Transform::new(turned(0.1, 0.0), Vector3::new(0.0, 5.0, 1.0)),
         ];
         let found = body_from_body(
-            &sample,
+            [&level(0), &level(1)],
             &relative,
             &odometry(&began[0], &now[0]),
             &odometry(&began[1], &now[1]),

@@ -24,7 +24,7 @@ impl Vehicle {
     /// Reads the distances of a round that was solved.
     pub(crate) fn read_distances(&mut self, now: Stamp, round: &Round) {
         let tied = self.tied();
-        let refused = self.ranging.read(&Readable {
+        let readable = Readable {
             now,
             me: VehicleId(self.config.vehicle.hash()),
             round,
@@ -33,7 +33,10 @@ impl Vehicle {
             reckoning: &self.reckoning,
             body_from_target: self.config.body_from_target,
             tied: &tied,
-        });
+        };
+        let refused = self.ranging.read(&readable);
+        let job = self.ranging.begin_work(self.works + 1, &readable);
+        job.into_iter().for_each(|job| self.hand_out(job));
         for (name, why) in refused {
             self.count_refusal(name, &why);
         }

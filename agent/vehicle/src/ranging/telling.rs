@@ -3,14 +3,19 @@
 use std::collections::BTreeMap;
 
 use nalgebra::Matrix4;
+use skein_estimation::ranging::bank::Place;
 use skein_estimation::ranging::neighbour::Estimate;
 use skein_estimation::ranging::window::{Ambiguity, Observability};
 use skein_estimation::time::Stamp;
-use skein_proto::document::{RangedDocument, RangingDocument, RangingHealth, RangingStatus};
+use skein_estimation::{Body, Transform};
+use skein_proto::document::{
+    RangedBy, RangedDocument, RangingDocument, RangingHealth, RangingStatus,
+};
 use skein_proto::estimate::{RangingCovariance, RangingEstimate};
 use skein_proto::name::Name;
 
-use super::geometry::body_from_body;
+use super::geometry::{body_from_body, level};
+use super::waiting::Ends;
 use super::{Pair, Ranging};
 use crate::translate;
 
@@ -21,10 +26,16 @@ impl Ranging {
         &self,
         taken: Stamp,
     ) -> BTreeMap<Name, (RangingDocument, RangingEstimate)> {
-        let described = self
-            .pairs
-            .iter()
-            .filter_map(|(name, pair)| Some((*name, pair.describe(*name, taken)?)));
+        let described = self.pairs.iter().filter_map(|(name, pair)| {
+            let (_, ends) = pair.newest.as_ref()?;
+            let estimate = pair.follower.estimate();
+            let by_all = self.placed_by_all(*name, pair, &estimate, &ends.own, &ends.neighbour);
+            let told = match by_all {
+                Some(place) => Told::by_all(&place, ends),
+                None => pair.tell(&estimate)?,
+            };
+            Some((*name, told.describe(*name, taken)))
+        });
         described.collect()
     }
 
@@ -39,56 +50,97 @@ impl Ranging {
             waiting: self.waiting.len() as u64,
             refused: self.refused.to_document(),
             placed: self.placed,
+            formation: self.forming.to_document(),
             schedule: None,
         }
     }
 }
 
+/// What is said of a neighbour.
+struct Told {
+    status: RangingStatus,
+    modes: usize,
+    why: Option<String>,
+    by: RangedBy,
+    /// When it was there.
+    at: Stamp,
+    place: Option<(Transform<Body, Body>, Place)>,
+}
+
 impl Pair {
-    fn describe(&self, name: Name, taken: Stamp) -> Option<(RangingDocument, RangingEstimate)> {
+    /// What its own distances say; none before the first.
+    fn tell(&self, estimate: &Estimate) -> Option<Told> {
         let (sample, ends) = self.newest.as_ref()?;
-        let estimate = self.follower.estimate();
         let (status, modes) = match estimate.observability {
             Observability::Unknown => (RangingStatus::Unknown, 0),
             Observability::Ambiguous { modes, .. } => (RangingStatus::Ambiguous, modes.max(2)),
             Observability::Imprecise => (RangingStatus::Imprecise, 0),
             Observability::Observable => (RangingStatus::Converged, 1),
         };
-        let pose = estimate.best.as_ref().map(|best| {
-            let pose = body_from_body(sample, &best.pose, &ends.own, &ends.neighbour);
+        let at = [&sample.own, &sample.neighbour];
+        let place = estimate.best.map(|best| {
+            let pose = body_from_body(at, &best.pose, &ends.own, &ends.neighbour);
             (pose, best)
         });
-        let pose = pose.filter(|(pose, _)| translate::is_sayable(pose));
-        let covariance = pose
-            .as_ref()
-            .filter(|_| status == RangingStatus::Converged)
-            .map(|(_, best)| triangle(&best.covariance));
-        let document = RangingDocument {
+        Some(Told {
             status,
-            modes: modes as u64,
-            why: why(&estimate),
-            taken_ns: ends.taken.as_nanos(),
-            pose: pose
+            modes,
+            why: why(estimate),
+            by: RangedBy::Pair,
+            at: ends.taken,
+            place,
+        })
+    }
+}
+
+impl Told {
+    /// What the distances of all say together.
+    fn by_all(place: &Place, ends: &Ends) -> Self {
+        let at = [&level(&ends.own), &level(&ends.neighbour)];
+        let pose = body_from_body(at, &place.pose, &ends.own, &ends.neighbour);
+        Self {
+            status: RangingStatus::Converged,
+            modes: 1,
+            why: None,
+            by: RangedBy::All,
+            at: ends.taken,
+            place: Some((pose, *place)),
+        }
+    }
+
+    fn describe(self, name: Name, taken: Stamp) -> (RangingDocument, RangingEstimate) {
+        let place = self.place.filter(|(pose, _)| translate::is_sayable(pose));
+        let covariance = place
+            .as_ref()
+            .filter(|_| self.status == RangingStatus::Converged)
+            .map(|(_, place)| triangle(&place.covariance));
+        let document = RangingDocument {
+            status: self.status,
+            modes: self.modes as u64,
+            why: self.why,
+            by: place.as_ref().map(|_| self.by),
+            taken_ns: self.at.as_nanos(),
+            pose: place
                 .as_ref()
                 .map(|(pose, _)| translate::pose_document(pose)),
-            reduced: pose.as_ref().map(|(_, best)| RangedDocument {
-                position_level_m: best.pose.position_m.into(),
-                yaw_rad: best.pose.yaw_rad,
+            reduced: place.as_ref().map(|(_, place)| RangedDocument {
+                position_level_m: place.pose.position_m.into(),
+                yaw_rad: place.pose.yaw_rad,
                 covariance_position_yaw: covariance,
             }),
         };
-        let offset_us = (ends.taken - taken).as_micros_rounded();
+        let offset_us = (self.at - taken).as_micros_rounded();
         let estimate = RangingEstimate {
             vehicle: name.hash(),
-            modes: u8::try_from(modes).unwrap_or(u8::MAX),
+            modes: u8::try_from(self.modes).unwrap_or(u8::MAX),
             taken_offset_us: i32::try_from(offset_us).unwrap_or(i32::MIN),
-            reduced: pose.as_ref().map(|(_, best)| {
-                let [x, y, z]: [f64; 3] = best.pose.position_m.into();
-                [x, y, z, best.pose.yaw_rad]
+            reduced: place.as_ref().map(|(_, place)| {
+                let [x, y, z]: [f64; 3] = place.pose.position_m.into();
+                [x, y, z, place.pose.yaw_rad]
             }),
             covariance: covariance.map(RangingCovariance::PositionYaw),
         };
-        Some((document, estimate))
+        (document, estimate)
     }
 }
 

@@ -15,6 +15,8 @@ pub(super) type Poses = Vec<Option<RelativePose>>;
 const ITERATIONS: (usize, usize) = (6, 12);
 /// A step that changes the cost by less than this ends a descent.
 const NEGLIGIBLE: f64 = 1e-4;
+/// Formations that cost so much more than the best with ranges apart are not among the best with all together.
+const WORTH: f64 = 50.0;
 /// A pose is a position and a yaw.
 const PER_ROBOT: usize = 4;
 
@@ -146,8 +148,11 @@ impl<'a> Descent<'a> {
             let Some(seen) = tie.seen(poses) else {
                 continue;
             };
-            let (loss, weight) = self.loss(seen.residual.powi(2) / tie.apart_m2);
+            let square = seen.residual.powi(2) / tie.apart_m2;
+            let (loss, weight) = self.loss(square);
             linear.cost += loss;
+            linear.square += square;
+            linear.ranges += 1;
             let rows = seen.rows(self.settings.dimension);
             for (a, end) in tie.ends.iter().enumerate() {
                 for i in 0..PER_ROBOT {
@@ -216,6 +221,8 @@ impl<'a> Descent<'a> {
             return None;
         }
         let mut linear = Linear {
+            square: residual.norm_squared(),
+            ranges: count,
             cost: residual.norm_squared()
                 + 2.0 * (0..count).map(|j| lower[(j, j)].ln()).sum::<f64>()
                 + forgone,
@@ -259,6 +266,9 @@ impl Seen {
 /// The cost around poses, to second order.
 struct Linear {
     cost: f64,
+    /// Of it, the squared residuals over their covariance.
+    square: f64,
+    ranges: usize,
     gradient: DVector<f64>,
     hessian: DMatrix<f64>,
 }
@@ -267,6 +277,8 @@ impl Linear {
     fn nothing(robots: usize) -> Self {
         Self {
             cost: 0.0,
+            square: 0.0,
+            ranges: 0,
             gradient: DVector::zeros(PER_ROBOT * robots),
             hessian: DMatrix::zeros(PER_ROBOT * robots, PER_ROBOT * robots),
         }
@@ -311,15 +323,28 @@ fn stepped(poses: &Poses, step: &DVector<f64>) -> Poses {
     poses.iter().enumerate().map(moved).collect()
 }
 
-/// The best of the formations, brought to their minima with full weights.
+/// The best of the formations, brought to their minima with full weights. All that could come near the best are: which is
+/// the second best of a robot's places may be known only then.
 pub(super) fn answers(
     team: &Team,
     settings: &WindowSettings,
     formations: &[Poses],
 ) -> Vec<Formation> {
     let descent = Descent::new(team, settings);
+    let worth = formations.first().map(|best| descent.cost(best) + WORTH);
+    let worth = worth.unwrap_or(f64::INFINITY);
+    // What was refined in few steps may still be far from its minimum: the first are descended from whatever they cost.
+    let near = formations
+        .iter()
+        .enumerate()
+        .filter(|(place, one)| *place < ANSWERS_MAX || descent.cost(one) <= worth)
+        .map(|one| one.1);
+    let images = formations
+        .first()
+        .filter(|_| settings.dimension == Dimension::Spatial)
+        .map(images);
     let mut minima: Vec<(f64, Poses)> = Vec::new();
-    for formation in formations.iter().take(ANSWERS_MAX) {
+    for formation in near.chain(images.iter().flatten()) {
         if formation.iter().skip(1).all(Option::is_none) {
             continue;
         }
@@ -334,7 +359,9 @@ pub(super) fn answers(
     }
     minima.sort_by(|a, b| a.0.total_cmp(&b.0));
     let answer = |(cost, poses): &(f64, Poses)| {
-        let inverse = descent.together(poses)?.hessian.cholesky()?.inverse();
+        let linear = descent.together(poses)?;
+        let (square, ranges) = (linear.square, linear.ranges);
+        let inverse = linear.hessian.cholesky()?.inverse();
         let placed = |robot: usize| {
             let pose = poses[robot]?;
             let elsewhere = minima.iter().filter(|(_, other)| {
@@ -356,7 +383,27 @@ pub(super) fn answers(
         Some(Formation {
             placed: (1..poses.len()).map(placed).collect(),
             cost: *cost,
+            square,
+            ranges,
         })
     };
-    minima.iter().filter_map(answer).collect()
+    let best = minima.iter().take(ANSWERS_MAX);
+    best.filter_map(answer).collect()
+}
+
+/// What looks alike while nobody climbs: all upside down, and each robot alone.
+fn images(poses: &Poses) -> Vec<Poses> {
+    let below = |which: &dyn Fn(usize) -> bool| -> Poses {
+        let turned_over = |(robot, pose): (usize, &Option<RelativePose>)| {
+            pose.map(|mut pose| {
+                if which(robot) {
+                    pose.position_m.z = -pose.position_m.z;
+                }
+                pose
+            })
+        };
+        poses.iter().enumerate().map(turned_over).collect()
+    };
+    let each = (1..poses.len()).map(|alone| below(&|robot| robot == alone));
+    std::iter::once(below(&|_| true)).chain(each).collect()
 }

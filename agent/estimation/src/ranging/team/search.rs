@@ -22,40 +22,67 @@ pub(super) fn formations(team: &Team, settings: &WindowSettings) -> Vec<Poses> {
     let mut descent = Descent::new(team, settings);
     let mut placed = vec![0];
     while let Some(next) = most_heard(team, &placed) {
-        let mut candidates: Vec<(f64, Poses)> = Vec::new();
-        for formation in &kept {
-            for from in &placed {
-                let Some(start) = formation[*from] else {
-                    continue;
-                };
-                for mode in &modes[*from][next] {
-                    let mut candidate = formation.clone();
-                    candidate[next] = Some(composed(&start, mode));
-                    candidates.push((descent.cost(&candidate), candidate));
-                }
-            }
-        }
-        candidates.sort_by(|a, b| a.0.total_cmp(&b.0));
-        candidates.truncate(REFINED_PER_KEPT * FORMATIONS_MAX);
-        for (cost, candidate) in &mut candidates {
-            *cost = descent.refine(candidate);
-        }
-        candidates.retain(|one| one.0.is_finite());
-        candidates.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut distinct: Vec<Poses> = Vec::new();
-        for (_, candidate) in candidates {
-            if distinct.len() < FORMATIONS_MAX
-                && !distinct.iter().any(|one| is_same(one, &candidate))
-            {
-                distinct.push(candidate);
-            }
-        }
-        if !distinct.is_empty() {
-            kept = distinct;
+        let candidates = seen(&kept, &placed, next, &modes);
+        let best = best(candidates, &mut descent);
+        if !best.is_empty() {
+            kept = best;
         }
         placed.push(next);
     }
+    // Of two that are far from where the other's ranges alone put them no formation has begun well: everyone is tried once
+    // more from all the others. Without a third there is nothing new to see.
+    if placed.len() > 2 {
+        for again in placed.iter().skip(1).copied() {
+            let others: Vec<usize> = placed.iter().copied().filter(|one| *one != again).collect();
+            let mut candidates = seen(&kept, &others, again, &modes);
+            candidates.append(&mut kept);
+            kept = best(candidates, &mut descent);
+        }
+    }
     kept
+}
+
+/// The formations with one robot where any of the others sees it.
+fn seen(
+    formations: &[Poses],
+    others: &[usize],
+    robot: usize,
+    modes: &[Vec<Vec<RelativePose>>],
+) -> Vec<Poses> {
+    let mut candidates = Vec::new();
+    for formation in formations {
+        for from in others {
+            let Some(start) = formation[*from] else {
+                continue;
+            };
+            for mode in &modes[*from][robot] {
+                let mut candidate = formation.clone();
+                candidate[robot] = Some(composed(&start, mode));
+                candidates.push(candidate);
+            }
+        }
+    }
+    candidates
+}
+
+/// The best few of them that differ, refined, best first.
+fn best(candidates: Vec<Poses>, descent: &mut Descent<'_>) -> Vec<Poses> {
+    let cost = |candidate: Poses| (descent.cost(&candidate), candidate);
+    let mut candidates: Vec<(f64, Poses)> = candidates.into_iter().map(cost).collect();
+    candidates.sort_by(|a, b| a.0.total_cmp(&b.0));
+    candidates.truncate(REFINED_PER_KEPT * FORMATIONS_MAX);
+    for (cost, candidate) in &mut candidates {
+        *cost = descent.refine(candidate);
+    }
+    candidates.retain(|one| one.0.is_finite());
+    candidates.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut distinct: Vec<Poses> = Vec::new();
+    for (_, candidate) in candidates {
+        if distinct.len() < FORMATIONS_MAX && !distinct.iter().any(|one| is_same(one, &candidate)) {
+            distinct.push(candidate);
+        }
+    }
+    distinct
 }
 
 /// By pair, in both directions, where the second may be now as the first sees it.

@@ -10,6 +10,13 @@ use rand_chacha::ChaCha8Rng;
 fn heard(seed: u64, robots: usize, rounds: usize) -> (World, Team, Vec<Window>) {
     let rng = ChaCha8Rng::seed_from_u64(seed);
     let mut world = World::new(rng, Noise::USUAL, robots, false);
+    let (team, windows) = hear(&mut world, rounds);
+    (world, team, windows)
+}
+
+/// The same of a world that is there.
+fn hear(world: &mut World, rounds: usize) -> (Team, Vec<Window>) {
+    let robots = world.robots.len();
     let mut ranges = Vec::new();
     for round in 0..rounds {
         if round > 0 {
@@ -43,7 +50,7 @@ fn heard(seed: u64, robots: usize, rounds: usize) -> (World, Team, Vec<Window>) 
             windows[from - 1].push(&swapped).unwrap();
         }
     }
-    (world, team, windows)
+    (team, windows)
 }
 
 #[test]
@@ -117,4 +124,66 @@ fn robots_that_no_range_leads_to_stay_unplaced_and_foreign_ranges_are_refused() 
     assert_eq!(team.push(0, 1, &interrupted), Err(TeamRefusal::Interrupted));
     let crowd = vec![full.now[0]; 3 * ROBOTS_MAX];
     assert_eq!(Team::new(&crowd).now.len(), ROBOTS_MAX);
+}
+
+#[test]
+fn a_robot_that_was_placed_is_carried_on_by_both_odometries_until_one_is_interrupted() {
+    let mut squares = Vec::new();
+    for seed in 0..20 {
+        let (mut world, team, _) = heard(seed, 4, 5);
+        let placed = team.solve(&WindowSettings::PLANAR)[0].placed[2].unwrap();
+        world.step();
+        let now = [0, 3].map(|robot: usize| world.robots[robot].odometry);
+        let carried = |placed: &Placed, now: &[LevelOdometry; 2]| {
+            let then = [&team.now[0], &team.now[3]];
+            let criterion = &Criterion::DEFAULT;
+            placed.carried(then, [&now[0], &now[1]], Dimension::Planar, criterion)
+        };
+        let place = carried(&placed, &now).unwrap();
+        let off = (place.pose.position_m - world.truth(0, 3).position_m).xy();
+        let plane = place.covariance.fixed_view::<2, 2>(0, 0).into_owned();
+        squares.push(off.dot(&(plane.try_inverse().unwrap() * off)));
+        assert!(place.position_sigma_m() > placed.covariance[(0, 0)].sqrt());
+
+        let doubtful = Placed {
+            cost_gap: 8.9,
+            ..placed
+        };
+        assert_eq!(carried(&doubtful, &now), None);
+        for end in 0..2 {
+            let mut interrupted = now;
+            interrupted[end].segment += 1;
+            assert_eq!(carried(&placed, &interrupted), None);
+        }
+    }
+    // The mean of chi-square with two degrees of freedom is 2, of twenty to within 0.45.
+    let mean = squares.iter().sum::<f64>() / squares.len() as f64;
+    assert!((0.8..3.4).contains(&mean), "{mean}");
+}
+
+#[test]
+fn a_range_that_is_not_in_line_of_sight_shows_in_the_fit() {
+    for seed in 0..10 {
+        let (_, full, _) = heard(seed, 4, 6);
+        assert!(full.solve(&WindowSettings::PLANAR)[0].fits());
+        let mut team = full.clone();
+        team.pairs[2][3].range_m += 4.0;
+        assert!(
+            !team.solve(&WindowSettings::PLANAR)[0].fits(),
+            "seed {seed}"
+        );
+    }
+}
+
+#[test]
+fn in_space_robots_that_keep_their_heights_may_as_well_be_upside_down() {
+    for (climbs, known) in [(false, 0), (true, 3)] {
+        let rng = ChaCha8Rng::seed_from_u64(3);
+        let mut world = World::new(rng, Noise::USUAL, 4, true);
+        world.spatial = climbs;
+        let (team, _) = hear(&mut world, 9);
+        let best = team.solve(&WindowSettings::SPATIAL).remove(0);
+        let sole = |placed: &&Option<Placed>| placed.is_some_and(|placed| placed.cost_gap >= 9.0);
+        assert_eq!(best.placed.iter().filter(sole).count(), known, "{best:?}");
+    }
 }
