@@ -34,6 +34,8 @@ pub const WINDOW_MIN: usize = 3;
 pub const WINDOW_MAX: usize = 9;
 /// Most iterations of one descent.
 pub const ITERATIONS_MAX: usize = 40;
+/// Most bearings, and most yaws, of a [`Starts::Grid`].
+pub const GRID_SIDE_MAX: usize = 18;
 
 /// What is known of a neighbour besides ranges: a Gaussian.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -79,7 +81,9 @@ pub enum Starts<'a> {
     Exhaustive,
     /// At these poses, at most [`MODES_MAX`] of them: where the neighbour is believed to be.
     Tracked(&'a [RelativePose]),
-    /// At a regular grid of so many bearings and so many yaws, at most 18: the reference.
+    /// At a regular grid of so many bearings and so many yaws, at most [`GRID_SIDE_MAX`] each, at the newest range (in
+    /// space at three elevations each). Every start is followed to its end, by itself and with full weights from the
+    /// first step on: slow, and what [`Starts::Exhaustive`] is measured against.
     Grid(usize),
 }
 
@@ -236,11 +240,17 @@ impl Window {
         }
         match starts {
             Starts::Exhaustive => starts::exhaustive(&geometry, settings, &mut set_out),
-            Starts::Grid(side) => starts::grid(&geometry, settings, side.min(18), &mut |start| {
-                if let Some(mode) = model.descend_apart(start) {
-                    apart.insert(&mode);
-                }
-            }),
+            Starts::Grid(side) => {
+                let side = side.min(GRID_SIDE_MAX);
+                starts::grid(&geometry, settings, side, &mut |start| {
+                    if let Some(mode) = model.descend_apart(start) {
+                        apart.insert(&mode);
+                    }
+                    if let Some(mode) = model.descend_together(start) {
+                        modes.insert(&mode);
+                    }
+                });
+            }
             Starts::Tracked(poses) => poses.iter().take(MODES_MAX).for_each(&mut set_out),
         }
         for mode in begun.modes() {

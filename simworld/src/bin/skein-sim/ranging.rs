@@ -6,7 +6,7 @@ use crate::output::{print, print_json};
 use clap::{Args, ValueEnum};
 use miette::IntoDiagnostic;
 use skein_simworld::experiment::ranging::{
-    complexity, errors, flocking, joining, schedule, spatial, trilateration,
+    complexity, errors, flocking, joining, optimum, schedule, spatial, trilateration,
 };
 use skein_simworld::planar_swarm::SwarmNoise;
 use std::path::PathBuf;
@@ -20,6 +20,8 @@ enum Study {
     Trilateration,
     /// Both algorithms on pairs, beside their bounds: mean square errors against each of three noises.
     Errors,
+    /// Whether windows find their global optimum, and how often what they accept is wrong.
+    Optimum,
     /// A robot that joins a located team by distances alone, beside one that is told its start.
     Joining,
     /// Heading averaging on orientations with noise.
@@ -36,7 +38,7 @@ pub(crate) struct RangingArguments {
     /// Which study.
     #[arg(long, value_enum, default_value_t = Study::Schedule)]
     study: Study,
-    /// Swarms, pairs or flocks a cell.
+    /// Swarms, pairs, flocks or windows a cell.
     #[arg(long, default_value_t = 50, value_parser = clap::value_parser!(u64).range(2..=1_000_000))]
     samples: u64,
     /// Rounds of each long run of the schedule, and of each timing.
@@ -61,6 +63,7 @@ pub(crate) fn fly(arguments: &RangingArguments) -> miette::Result<()> {
         Study::Schedule => schedule_study(arguments),
         Study::Trilateration => trilateration_study(arguments),
         Study::Errors => errors_study(arguments),
+        Study::Optimum => optimum_study(arguments),
         Study::Joining => joining_study(arguments),
         Study::Flocking => flocking_study(arguments),
         Study::Complexity => complexity_study(arguments),
@@ -161,6 +164,22 @@ fn errors_study(arguments: &RangingArguments) -> miette::Result<()> {
         return print_json(&results);
     }
     conclude(arguments, &errors::report::table(&results))
+}
+
+fn optimum_study(arguments: &RangingArguments) -> miette::Result<()> {
+    let progress = progress(arguments.samples * optimum::LENGTHS.len() as u64)?;
+    let results = optimum::LENGTHS.map(|ranges| {
+        progress.set_message(format!("windows of {ranges}"));
+        optimum::run(ranges, arguments.samples, arguments.seed, || {
+            progress.inc(1);
+        })
+    });
+    progress.finish_and_clear();
+    write(&arguments.output, "optimum.csv", &optimum::csv(&results))?;
+    if arguments.json {
+        return print_json(&results);
+    }
+    conclude(arguments, &optimum::table(&results))
 }
 
 fn joining_study(arguments: &RangingArguments) -> miette::Result<()> {
