@@ -28,6 +28,9 @@ const OUT_MAX: Span = Span::secs(10);
 const WAITING_MAX: usize = 512;
 /// A formation of fewer neighbours says nothing that a pair does not.
 const NEIGHBOURS_MIN: usize = 2;
+/// Two searches in a row find a neighbour in one place when it is no further apart than so many of both standard deviations:
+/// one search may miss the place that fits best, and is then sure of another.
+const AGREEING_SIGMAS: f64 = 3.0;
 /// All that are searched for.
 const NEIGHBOURS_MAX: usize = ROBOTS_MAX - 1;
 
@@ -44,7 +47,8 @@ pub(super) struct Forming {
     /// The newest range that went into a search.
     searched_until: Option<Stamp>,
     out: Option<Out>,
-    answer: Option<Answer>,
+    /// What the last search found, and the one before it.
+    answers: [Option<Answer>; 2],
     counts: Counts,
 }
 
@@ -65,7 +69,7 @@ struct Member {
     point: OdometryPoint,
 }
 
-/// What the last search found, where odometry had this vehicle then.
+/// What a search found, where odometry had this vehicle then.
 #[derive(Clone, Debug)]
 struct Answer {
     own: OdometryPoint,
@@ -92,7 +96,7 @@ impl Forming {
             begun_at: None,
             searched_until: None,
             out: None,
-            answer: None,
+            answers: [None, None],
             counts: Counts::default(),
         }
     }
@@ -250,7 +254,7 @@ impl Forming {
             return;
         };
         self.counts.work_done += 1;
-        self.answer = None;
+        self.answers = [None, self.answers[0].take()];
         let Some(best) = best else {
             return;
         };
@@ -259,7 +263,7 @@ impl Forming {
             return;
         }
         let placed = out.neighbours.into_iter().zip(&best.placed);
-        self.answer = Some(Answer {
+        self.answers[0] = Some(Answer {
             own: out.own,
             placed: placed
                 .filter_map(|(member, placed)| Some((member, (*placed)?)))
@@ -267,7 +271,8 @@ impl Forming {
         });
     }
 
-    /// Where a neighbour is when both have got so far by their odometries, if the last formation leaves one place for it.
+    /// Where a neighbour is when both have got so far by their odometries, if the last two formations leave one place for it,
+    /// and the same.
     pub(super) fn place(
         &self,
         name: Name,
@@ -275,17 +280,24 @@ impl Forming {
         own: &OdometryPoint,
         neighbour: &OdometryPoint,
     ) -> Option<Place> {
-        let answer = self.answer.as_ref()?;
-        let (member, placed) = answer
-            .placed
-            .iter()
-            .find(|(member, _)| member.name == name && member.life == life)?;
-        placed.carried(
-            [&level(&answer.own), &level(&member.point)],
-            [&level(own), &level(neighbour)],
-            self.settings.window.dimension,
-            &self.settings.criterion,
-        )
+        let place = |answer: &Option<Answer>| {
+            let answer = answer.as_ref()?;
+            let (member, placed) = answer
+                .placed
+                .iter()
+                .find(|(member, _)| member.name == name && member.life == life)?;
+            placed.carried(
+                [&level(&answer.own), &level(&member.point)],
+                [&level(own), &level(neighbour)],
+                self.settings.window.dimension,
+                &self.settings.criterion,
+            )
+        };
+        let [last, before] = &self.answers;
+        let (last, before) = (place(last)?, place(before)?);
+        let apart_m = (last.pose.position_m - before.pose.position_m).norm();
+        let sigma_m = last.position_sigma_m().hypot(before.position_sigma_m());
+        (apart_m <= AGREEING_SIGMAS * sigma_m).then_some(last)
     }
 
     /// None while nobody has told of a distance to another neighbour.

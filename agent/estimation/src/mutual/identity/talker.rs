@@ -122,7 +122,7 @@ impl Talker {
         let faster = set.inertial.velocity_m_s - self.inertial.velocity_m_s;
         let turned_rad = set.inertial.yaw_rad - self.inertial.yaw_rad;
         let elapsed_s = set.inertial.elapsed_s - self.inertial.elapsed_s;
-        self.began = self.began + Span::from_secs_f64(left_s.clamp(-drift_max_s, drift_max_s));
+        self.began += Span::from_secs_f64(left_s.clamp(-drift_max_s, drift_max_s));
         self.rates = (faster / elapsed_s, turned_rad / elapsed_s);
         self.take(set);
         Ok(Taken::Newer)
