@@ -127,6 +127,9 @@ impl Waiting {
     }
 }
 
+/// A distance with both its ends, or why it has none.
+pub(super) type Settled = Result<(RangeSample, Ends), Refused>;
+
 impl Queue {
     pub(super) const fn new(most: usize) -> Self {
         Self {
@@ -152,10 +155,7 @@ impl Queue {
     }
 
     /// Takes out every distance of which both ends are known, and those that are given up, in order of their times.
-    pub(super) fn settled(
-        &mut self,
-        from: &Readable<'_>,
-    ) -> Vec<(Waiting, Result<(RangeSample, Ends), Refused>)> {
+    pub(super) fn settled(&mut self, from: &Readable<'_>) -> Vec<(Waiting, Settled)> {
         let held_since = from.now - from.period * HELD_PERIODS;
         let given_up = from.now - WAIT_MAX;
         let (mut ripe, held): (Vec<_>, Vec<_>) = std::mem::take(&mut self.waiting)
